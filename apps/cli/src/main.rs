@@ -1,0 +1,3 @@
+//! The `endoscape` command.
+
+fn main() {}

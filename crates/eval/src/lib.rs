@@ -1,0 +1,1 @@
+//! Trajectory and depth metrics: association, alignment, errors, baselines, intervals. Pure functions.

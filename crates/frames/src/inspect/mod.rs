@@ -1,0 +1,1 @@
+//! What a path holds, and which convention its numbers follow.

@@ -1,0 +1,1 @@
+//! Natural order of names: `2` before `10`.

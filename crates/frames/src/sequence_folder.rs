@@ -1,0 +1,1 @@
+//! Our own sequence folder, written in one piece.

@@ -1,0 +1,1 @@
+//! Video files and live inputs through an `ffmpeg` process.

@@ -1,0 +1,1 @@
+//! DispNet and PoseMaskNet, their checkpoints, and weights in and out.

@@ -1,0 +1,1 @@
+//! View synthesis and the losses that train on it.
