@@ -28,7 +28,9 @@ pub enum PoseError {
     #[error("a pose holds a number that is not finite")]
     NotFinite,
     /// The 3x3 part is no rotation.
-    #[error("the 3x3 part is not a rotation (R^T R differs from the identity by {deviation:.2e}, determinant {determinant:.3})")]
+    #[error(
+        "the 3x3 part is not a rotation (R^T R differs from the identity by {deviation:.2e}, determinant {determinant:.3})"
+    )]
     NotRotation {
         /// Largest entry of `R^T R - I`.
         deviation: f64,
@@ -153,11 +155,13 @@ mod tests {
 
     fn twist() -> impl Strategy<Value = Vector6<f64>> {
         let angle = prop_oneof![Just(0.0), 1e-12..1e-3, 1e-3..3.1_f64];
-        (prop::array::uniform3(-10.0..10.0), prop::array::uniform3(-1.0..1.0_f64), angle).prop_map(|(v, axis, angle)| {
-            let axis = Vector3::from(axis) + Vector3::new(1e-3, 0.0, 0.0);
-            let w = axis.normalize() * angle;
-            Vector6::new(v[0], v[1], v[2], w.x, w.y, w.z)
-        })
+        (prop::array::uniform3(-10.0..10.0), prop::array::uniform3(-1.0..1.0_f64), angle).prop_map(
+            |(v, axis, angle)| {
+                let axis = Vector3::from(axis) + Vector3::new(1e-3, 0.0, 0.0);
+                let w = axis.normalize() * angle;
+                Vector6::new(v[0], v[1], v[2], w.x, w.y, w.z)
+            },
+        )
     }
 
     proptest! {

@@ -63,7 +63,9 @@ pub enum FramesError {
         formats: String,
     },
     /// An external program is not installed.
-    #[error("cannot {action}: the program `{program}` is not installed; install the package `{package}` and make sure it is on PATH")]
+    #[error(
+        "cannot {action}: the program `{program}` is not installed; install the package `{package}` and make sure it is on PATH"
+    )]
     Program {
         /// What needed it.
         action: String,

@@ -20,5 +20,11 @@ pub fn read(path: &Path) -> Result<Image, FramesError> {
 /// # Errors
 /// As [`read`].
 pub fn size(path: &Path) -> Result<Size, FramesError> {
-    read(path).map(|image| image.size())
+    let unreadable = |error: image::ImageError| {
+        FramesError::file(path, format!("is no readable picture ({error})"), "fetch the file again")
+    };
+    let reader = image::ImageReader::open(path).map_err(|error| FramesError::io(path, "read", error))?;
+    let reader = reader.with_guessed_format().map_err(|error| FramesError::io(path, "read", error))?;
+    let (width, height) = reader.into_dimensions().map_err(unreadable)?;
+    Ok(Size::new(width as usize, height as usize))
 }

@@ -260,10 +260,7 @@ impl Camera {
     /// # Errors
     /// [`CameraError::Empty`] for a size without pixels.
     pub fn scaled_to(&self, size: Size) -> Result<Self, CameraError> {
-        let scale = [
-            size.width as f64 / self.size.width as f64,
-            size.height as f64 / self.size.height as f64,
-        ];
+        let scale = [size.width as f64 / self.size.width as f64, size.height as f64 / self.size.height as f64];
         // Edges map to edges, so with centres at integers p' + 1/2 = scale (p + 1/2).
         let shift = scale.map(|scale| 0.5 * scale - 0.5);
         Self::new(size, each_model!(&self.model, inner => inner.moved(scale, shift).into()))

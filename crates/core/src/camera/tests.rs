@@ -116,11 +116,8 @@ proptest! {
 #[test]
 fn values_by_opencv() {
     // cv2.projectPoints([0.3, -0.2, 1.0]) and cv2.fisheye.projectPoints with the parameters of `cameras()`.
-    let expected = [
-        (2, (901.643914766, 395.51080202)),
-        (4, (900.574309047, 396.192178124)),
-        (5, (896.158719998, 399.105023209)),
-    ];
+    let expected =
+        [(2, (901.643914766, 395.51080202)), (4, (900.574309047, 396.192178124)), (5, (896.158719998, 399.105023209))];
     for (index, (u, v)) in expected {
         let pixel = cameras()[index].project(&Point3::new(0.3, -0.2, 1.0)).unwrap();
         assert!((pixel.x - u).abs() < 1e-6 && (pixel.y - v).abs() < 1e-6, "{index}: {pixel}");

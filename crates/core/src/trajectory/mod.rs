@@ -179,9 +179,11 @@ fn distance_m(a: &Pose, b: &Pose) -> f64 {
 
 /// Spherical interpolation that also survives half turns, where the arc is not unique.
 fn between(left: &Pose, right: &Pose, share: f64) -> nalgebra::UnitQuaternion<f64> {
-    left.rotation
-        .try_slerp(&right.rotation, share, 1e-9)
-        .unwrap_or(if share < 0.5 { left.rotation } else { right.rotation })
+    left.rotation.try_slerp(&right.rotation, share, 1e-9).unwrap_or(if share < 0.5 {
+        left.rotation
+    } else {
+        right.rotation
+    })
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 mod bronchoscope;
 mod c3vd;
 mod c3vd_v2;
+pub(crate) mod common;
 mod endomapper;
 mod endomapper_sim;
 mod endoslam;
