@@ -24,7 +24,7 @@ pub const LICENSE: &str = "CC BY-NC-SA 4.0";
 pub const DEPTH: DepthEncoding = DepthEncoding::Linear { metres_per_unit: 0.1 / 65535.0, largest: 65534 };
 
 /// Size of the recordings in pixels.
-const RECORDED: Size = Size::new(1350, 1080);
+pub const RECORDED: Size = Size::new(1350, 1080);
 
 const COLOR: &[&str] = &["_color.png", "_color.jpg", "_color.jpeg"];
 

@@ -7,7 +7,6 @@
 use super::{Format, Probe, c3vd, common};
 use crate::{FramesError, Sequence};
 use endoscape_core::camera::Omnidirectional;
-use endoscape_core::trajectory::TextError;
 use endoscape_core::{Camera, Size};
 use std::path::Path;
 
@@ -56,45 +55,49 @@ fn load(path: &Path) -> Result<Sequence, FramesError> {
 /// made with the same colonoscope.
 fn camera(folder: &Path, size: Size, warnings: &mut Vec<String>) -> Result<Camera, FramesError> {
     let file = folder.join("camera_intrinsics.txt");
-    let stated = if file.is_file() { parse_intrinsics(&common::read_text(&file)?).ok() } else { None };
-    let fitted = if let Some(camera) = stated {
-        common::fit_camera(camera, size, warnings)
-    } else {
-        warnings.push(
-            "camera_intrinsics.txt is missing or holds no omnidirectional camera: the one of the first C3VD release is \
-             used; give --camera FILE if it is another"
-                .into(),
-        );
-        c3vd::camera_for(size, warnings)
+    let stated = match file.is_file() {
+        true => parse_intrinsics(&common::read_text(&file)?),
+        false => Err("it does not exist".into()),
+    };
+    let fitted = match stated {
+        Ok(camera) => common::fit_camera(camera, size, warnings),
+        Err(reason) => {
+            warnings.push(format!(
+                "camera_intrinsics.txt is not used ({reason}): the camera is that of the first C3VD release; give \
+                 --camera FILE if it is another"
+            ));
+            c3vd::camera_for(size, warnings)
+        }
     };
     fitted.map_err(|error| common::camera_error(&file, &error))
 }
 
 /// Reads named numbers in any layout (`cx: 678.5`, `a0 = 769.2`, one or many to a line) into an omnidirectional camera.
 ///
-/// `width, height, cx, cy, a0, a2, a3, a4` must be there; `a1` is 0 and `c, d, e` are 1, 0, 0 where they are not.
+/// `cx, cy, a0, a2, a3, a4` must be there; where they are not, `width` and `height` are 1350 and 1080, `a1` is 0 and
+/// `c, d, e` are 1, 0, 0.
 ///
 /// # Errors
-/// [`TextError`] on a name that is missing, or on numbers that are no camera with its centre on the picture.
-pub fn parse_intrinsics(text: &str) -> Result<Camera, TextError> {
+/// Why not: a name that is missing, or numbers that are no camera with its centre on the picture.
+pub fn parse_intrinsics(text: &str) -> Result<Camera, String> {
     let named = |name: &str| named_number(text, name);
-    let needed = |name: &str| named(name).ok_or_else(|| whole_text(format!("there is no number named {name}")));
-    let extent = |name: &str| {
-        let value = needed(name)?;
+    let needed = |name: &str| named(name).ok_or_else(|| format!("it holds no number named {name}"));
+    let extent = |name: &str, recorded: usize| {
+        let value = named(name).unwrap_or(recorded as f64);
         let pixels = (1.0..=65536.0).contains(&value).then_some(value as usize);
-        pixels.ok_or_else(|| whole_text(format!("{name} is {value}, which is no picture size")))
+        pixels.ok_or_else(|| format!("its {name} is {value}"))
     };
-    let size = Size::new(extent("width")?, extent("height")?);
+    let size = Size::new(extent("width", c3vd::RECORDED.width)?, extent("height", c3vd::RECORDED.height)?);
     let model = Omnidirectional {
         cx: needed("cx")?,
         cy: needed("cy")?,
         polynomial: [needed("a0")?, named("a1").unwrap_or(0.0), needed("a2")?, needed("a3")?, needed("a4")?],
         stretch: [[named("c").unwrap_or(1.0), named("d").unwrap_or(0.0)], [named("e").unwrap_or(0.0), 1.0]],
     };
-    let camera = Camera::new(size, model.into()).map_err(|error| whole_text(error.to_string()))?;
+    let camera = Camera::new(size, model.into()).map_err(|error| error.to_string())?;
     let centre = nalgebra::Point2::new(model.cx, model.cy);
     if !camera.contains(&centre) || camera.horizontal_field_of_view_rad().is_none() {
-        return Err(whole_text("the numbers are not those of a camera that sees its whole middle row".into()));
+        return Err("its numbers are not those of a camera that sees its whole middle row".into());
     }
     Ok(camera)
 }
@@ -105,10 +108,6 @@ fn named_number(text: &str, name: &str) -> Option<f64> {
     let mut words = text.split(separates).filter(|word| !word.is_empty());
     words.find(|word| word.eq_ignore_ascii_case(name))?;
     words.next()?.parse().ok().filter(|value: &f64| value.is_finite())
-}
-
-fn whole_text(reason: String) -> TextError {
-    TextError { line: 1, reason }
 }
 
 #[cfg(test)]

@@ -280,6 +280,26 @@ pub fn pose_at(trajectory: &Trajectory, time_s: f64, longest_gap_s: f64) -> Opti
     (gap_s <= longest_gap_s).then(|| trajectory.interpolate(time_s))?
 }
 
+/// Gives each frame the pose at its time, interpolated between poses at most `longest_gap_s` apart; frames without are
+/// reported.
+pub fn interpolate_poses(
+    frames: &mut [FrameEntry],
+    trajectory: &Trajectory,
+    longest_gap_s: f64,
+    warnings: &mut Vec<String>,
+) {
+    for frame in frames.iter_mut() {
+        frame.world_from_camera = pose_at(trajectory, frame.time_s, longest_gap_s);
+    }
+    let matched = frames.iter().filter(|frame| frame.world_from_camera.is_some()).count();
+    if matched < frames.len() {
+        warnings.push(format!(
+            "{matched} of {} frames have a pose: the truth does not cover the others, or has gaps above {longest_gap_s} s",
+            frames.len()
+        ));
+    }
+}
+
 /// A picture or map named inside a data set's list, or an error with its line if the name leads outside the data set
 /// or to nothing.
 ///

@@ -23,6 +23,8 @@ pub const PICTURES: &[&str] = &[".png", ".jpg", ".jpeg"];
 /// The lines of a calibration file; numbers are read when they are asked for, because some lines hold dates.
 pub struct Calibration<'a> {
     entries: Vec<(usize, &'a str, &'a str)>,
+    /// The line a missing entry is reported at.
+    last_line: usize,
 }
 
 /// Splits a calibration file into its `KEY: values` lines.
@@ -34,14 +36,15 @@ pub fn parse_calibration(text: &str) -> Result<Calibration<'_>, TextError> {
         Some((key, values)) => Ok((line, key.trim(), values.trim())),
         None => Err(TextError { line, reason: "expected `KEY: numbers`".into() }),
     });
-    Ok(Calibration { entries: entries.collect::<Result<_, _>>()? })
+    let entries = entries.collect::<Result<_, _>>()?;
+    Ok(Calibration { entries, last_line: text.lines().count().max(1) })
 }
 
 impl Calibration<'_> {
     /// The `N` numbers of `key`.
     ///
     /// # Errors
-    /// [`TextError`] if the key is missing (line 1) or its line does not hold `N` finite numbers.
+    /// [`TextError`] if the key is missing (at the last line) or its line does not hold `N` finite numbers.
     pub fn values<const N: usize>(&self, key: &str) -> Result<[f64; N], TextError> {
         let (line, _, values) = self.entry(key)?;
         numbers(line, values.split_whitespace(), key)
@@ -88,11 +91,11 @@ impl Calibration<'_> {
 
     fn entry(&self, key: &str) -> Result<(usize, &str, &str), TextError> {
         let found = self.entries.iter().find(|(_, name, _)| *name == key).copied();
-        found.ok_or_else(|| TextError { line: 1, reason: format!("the file has no entry {key}") })
+        found.ok_or_else(|| TextError { line: self.last_line, reason: format!("the file ends without an entry {key}") })
     }
 
     fn line(&self, key: &str) -> usize {
-        self.entry(key).map_or(1, |(line, ..)| line)
+        self.entry(key).map_or(self.last_line, |(line, ..)| line)
     }
 }
 

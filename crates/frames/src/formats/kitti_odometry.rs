@@ -162,7 +162,7 @@ mod tests {
             ("sequences/07/times.txt", "0\n0.1\n0.1\n", "times.txt, line 3: the time 0.1 s does not come after 0.1 s"),
             ("sequences/07/times.txt", "0\n", "times.txt: has 1 times but the frames go up to number 2"),
             ("sequences/07/calib.txt", "P0: 70 0 60\n", "calib.txt, line 1: found 3 values where 12"),
-            ("sequences/07/calib.txt", "P1: 70 0 60\n", "calib.txt, line 1: the file has no entry P0"),
+            ("sequences/07/calib.txt", "P1: 70 0 60\n", "calib.txt, line 1: the file ends without an entry P0"),
             ("sequences/07/calib.txt", "P0: 0 0 60 0 0 70 18 0 0 0 1 0", "calib.txt, line 1: P0: its focal lengths"),
             ("poses/07.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 2 3\n", "07.txt, line 2: found 3 values where 12"),
             ("poses/07.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "07.txt: has 1 poses but"),

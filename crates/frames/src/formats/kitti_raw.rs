@@ -265,12 +265,11 @@ mod tests {
         let sequence = loaded(probe(&drive));
         assert!(sequence.warnings.is_empty(), "{:?}", sequence.warnings);
         assert!((sequence.frames[2].time_s - 0.2).abs() < 1e-9);
-        let Some(DepthEncoding::Velodyne { camera_from_velodyne }) =
-            sequence.frames[0].depth.as_ref().map(|depth| depth.encoding.clone())
-        else {
-            panic!("no scan")
+        let camera_from_velodyne = match sequence.frames[0].depth.as_ref().unwrap().encoding {
+            DepthEncoding::Velodyne { camera_from_velodyne } => Some(camera_from_velodyne),
+            _ => None,
         };
-        let ahead = camera_from_velodyne * nalgebra::Point3::new(10.0, 0.0, 0.0);
+        let ahead = camera_from_velodyne.unwrap() * nalgebra::Point3::new(10.0, 0.0, 0.0);
         assert!((ahead - nalgebra::Point3::new(0.1, 0.0, 9.7)).norm() < 1e-12);
         // The car drives along the axis of its camera, 111.2 m per thousandth of a degree.
         let moved = sequence.frames[1].world_from_camera.unwrap().translation.vector;
