@@ -2,7 +2,7 @@
 
 mod text;
 
-pub use text::{TextError, parse_euroc, parse_kitti, parse_tum, to_kitti, to_tum};
+pub use text::{TextError, numbers, parse_euroc, parse_kitti, parse_tum, records, to_kitti, to_tum};
 
 use crate::Pose;
 use nalgebra::Translation3;
