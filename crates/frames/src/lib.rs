@@ -9,6 +9,8 @@
 //! |---|---|
 //! | [`formats`] | tells data sets apart by content and loads each into a [`Sequence`] |
 //! | [`sequence`] | [`Sequence`]: frames in time order with camera, poses, depth and masks where they exist |
+//! | [`camera_file`] | calibrations from the files of other tools |
+//! | [`parsers`] | every parser of foreign bytes, free of I/O |
 //! | [`reader`] | [`FrameSource`], the stream of decoded frames |
 //! | [`picture`] | still pictures of any bit depth to [`endoscape_core::Image`] |
 //! | [`depth`] | the depth encodings of all data sets to metres |
@@ -17,11 +19,13 @@
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
 //! | [`inspect`] | what a path holds and which convention its numbers follow |
 
+pub mod camera_file;
 pub mod depth;
 pub mod error;
 pub mod formats;
 pub mod inspect;
 pub mod natural;
+pub mod parsers;
 pub mod picture;
 pub mod preprocess;
 pub mod reader;

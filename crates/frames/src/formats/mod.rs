@@ -6,20 +6,23 @@
 mod bronchoscope;
 mod c3vd;
 mod c3vd_v2;
+pub(crate) mod colmap;
 pub(crate) mod common;
-mod endomapper;
+pub(crate) mod endomapper;
 mod endomapper_sim;
-mod endoslam;
+pub(crate) mod endoslam;
 mod endoslam_unity;
 mod euroc;
 mod hamlyn;
 mod images;
 mod kitti_odometry;
 mod kitti_raw;
-mod scared;
+mod numbered;
+pub(crate) mod scared;
 mod sequence_folder;
 mod simcol3d;
 mod tum;
+pub(crate) mod unity;
 mod video;
 
 use crate::{FramesError, Sequence};
