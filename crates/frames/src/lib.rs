@@ -10,7 +10,7 @@
 //! | [`formats`] | tells data sets apart by content and loads each into a [`Sequence`] |
 //! | [`sequence`] | [`Sequence`]: frames in time order with camera, poses, depth and masks where they exist |
 //! | [`camera_file`] | calibrations from the files of other tools |
-//! | [`parsers`] | every parser of foreign bytes, free of I/O |
+//! | [`malformed`] | what a parser says about content whose file it does not know |
 //! | [`reader`] | [`FrameSource`], the stream of decoded frames |
 //! | [`picture`] | still pictures of any bit depth to [`endoscape_core::Image`] |
 //! | [`depth`] | the depth encodings of all data sets to metres |
@@ -24,8 +24,8 @@ pub mod depth;
 pub mod error;
 pub mod formats;
 pub mod inspect;
+pub mod malformed;
 pub mod natural;
-pub mod parsers;
 pub mod picture;
 pub mod preprocess;
 pub mod reader;
@@ -35,5 +35,6 @@ pub mod video;
 
 pub use error::FramesError;
 pub use formats::Format;
+pub use malformed::Malformed;
 pub use reader::FrameSource;
 pub use sequence::{FrameEntry, ImageLocation, Sequence};

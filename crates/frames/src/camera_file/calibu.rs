@@ -1,7 +1,7 @@
 //! Camera models of Calibu (<https://github.com/arpg/calibu>), which EndoMapper's calibrations are written with.
 
 use super::Calibration;
-use crate::parsers::{Malformed, finite};
+use crate::malformed::{Malformed, finite};
 use endoscape_core::camera::{Intrinsics, KannalaBrandt, Pinhole, RadialTangential};
 use endoscape_core::{CameraModel, Size};
 use roxmltree::Node;

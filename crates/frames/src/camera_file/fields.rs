@@ -3,7 +3,7 @@
 //! Nesting becomes a dotted path (`cam0.intrinsics`), arrays of any depth become one list under the name they belong
 //! to. The YAML reader works on parser events, so neither aliases nor deep nesting can make it grow.
 
-use crate::parsers::{Malformed, finite};
+use crate::malformed::{Malformed, finite};
 use saphyr_parser::{Event, Parser};
 
 /// Deepest nesting of names, longest name and most values a camera file may have; real ones stay far below.
@@ -22,6 +22,14 @@ pub struct Fields {
 struct Field {
     path: String,
     values: Vec<String>,
+}
+
+impl Field {
+    /// The last part of the path; the numbers of an OpenCV matrix (`K.data`) go by the matrix's name.
+    fn name(&self) -> &str {
+        let path = self.path.strip_suffix(".data").unwrap_or(&self.path);
+        path.rsplit('.').next().unwrap_or(path)
+    }
 }
 
 impl Fields {
@@ -94,15 +102,8 @@ impl Fields {
     }
 
     /// The first field with one of these names, the earlier name preferred.
-    ///
-    /// A field's name is the last part of its path; a `data` part (the numbers of an OpenCV matrix) goes by its
-    /// parent's name.
     fn find(&self, names: &[&str]) -> Option<&Field> {
-        let name_of = |field: &Field| {
-            let path = field.path.strip_suffix(".data").unwrap_or(&field.path);
-            path.rsplit('.').next().unwrap_or(path).to_ascii_lowercase()
-        };
-        let named = |name: &str| self.fields.iter().find(|field| name_of(field).eq_ignore_ascii_case(name));
+        let named = |name: &str| self.fields.iter().find(|field| field.name() == name);
         names.iter().find_map(|name| named(name))
     }
 

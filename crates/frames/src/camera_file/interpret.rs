@@ -2,7 +2,7 @@
 
 use super::fields::Fields;
 use super::{Calibration, intrinsics_of_matrix};
-use crate::parsers::Malformed;
+use crate::malformed::Malformed;
 use endoscape_core::camera::{Intrinsics, KannalaBrandt, Pinhole, RadialTangential};
 use endoscape_core::{CameraModel, Size};
 
@@ -96,9 +96,7 @@ fn distortion(fields: &Fields) -> Result<Vec<f64>, Malformed> {
 /// What the file calls its lens, if it does. The distortion's name says more than the camera's: Kalibr calls a
 /// fisheye a `pinhole` with `equidistant` distortion.
 fn lens(fields: &Fields) -> Result<Option<Lens>, Malformed> {
-    let Some(name) =
-        fields.text(&["distortion_model"]).or_else(|| fields.text(&["camera_model", "Camera.type", "type"]))
-    else {
+    let Some(name) = fields.text(&["distortion_model"]).or_else(|| fields.text(&["camera_model", "type"])) else {
         return Ok(None);
     };
     match name.to_ascii_lowercase().as_str() {

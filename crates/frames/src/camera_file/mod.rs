@@ -17,7 +17,7 @@ mod interpret;
 
 use crate::FramesError;
 use crate::formats::common;
-use crate::parsers::{Malformed, finite};
+use crate::malformed::{Malformed, finite};
 use endoscape_core::camera::{Intrinsics, Pinhole};
 use endoscape_core::{Camera, CameraModel, Size};
 use fields::Fields;

@@ -4,7 +4,7 @@
 //! models. COLMAP stores `camera_from_world` and counts pixels from the corner of the picture; both are turned into
 //! ours here. `points3D.bin` holds nothing a sequence needs.
 
-use crate::parsers::Malformed;
+use crate::malformed::Malformed;
 use endoscape_core::camera::{Intrinsics, KannalaBrandt, Pinhole, RadialTangential};
 use endoscape_core::{Camera, CameraModel, Pose, Size, se3};
 

@@ -4,8 +4,8 @@
 //! here or above) is its calibration. A few procedures come with COLMAP reconstructions, `sparse/M/images.bin` or
 //! `colmap/images.bin`; each has a frame and a unit of length of its own, so only the largest is used.
 
-use super::{Probe, colmap, common, numbered};
-use crate::parsers::Malformed;
+use super::{Probe, colmap, common, video_frames};
+use crate::malformed::Malformed;
 use crate::sequence::VideoFile;
 use crate::{Format, FramesError, Sequence, camera_file, natural, video};
 use colmap::ColmapImage;
@@ -44,20 +44,21 @@ fn is_recording(name: &str) -> bool {
 
 fn load(root: &Path, recording: &Path) -> Result<Sequence, FramesError> {
     let folder = recording.parent().unwrap_or(Path::new("."));
-    let info = video::probe(recording)?;
+    let index = video::index(recording)?;
+    let size = index.info.size;
     let mut sequence = Sequence {
         format: Format::Endomapper,
         name: recording.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
         root: root.to_path_buf(),
-        size: info.size,
-        fps: Some(info.fps),
+        size,
+        fps: index.info.fps,
         camera: None,
         video: Some(VideoFile { path: recording.to_path_buf(), crop: None }),
-        frames: numbered::video_frames(recording, &info)?,
+        frames: video_frames::frames_of(&index),
         license: Some("CC BY 4.0".into()),
         warnings: Vec::new(),
     };
-    sequence.camera = camera(folder, &sequence.name, info.size, &mut sequence.warnings)?;
+    sequence.camera = camera(folder, &sequence.name, size, &mut sequence.warnings)?;
     if let Some((model, images)) = largest_reconstruction(folder)? {
         add_poses(&mut sequence, &model, &images);
     }
@@ -156,4 +157,75 @@ fn frame_of(name: &str) -> Option<usize> {
     let stem = Path::new(name).file_stem()?.to_str()?;
     let number = natural::number(stem)?;
     if stem.starts_with("out") { number.checked_sub(1) } else { Some(number) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::fixtures::text;
+    use endoscape_core::Pose;
+
+    #[test]
+    fn recordings_are_known_by_name() {
+        assert!(is_recording("Seq_001.mov") && is_recording("seq_12_a.MOV"));
+        assert!(!is_recording("Seq_.mov") && !is_recording("clip.mov") && !is_recording("Seq_001.mp4"));
+        assert!(probe(Path::new("no/such/folder")).is_none());
+    }
+
+    #[test]
+    fn endoscopes_are_numbers_texts_or_not_recorded() {
+        assert_eq!(parse_endoscope(r#"{"endoscope_number": 3}"#), Ok(Some(3)));
+        assert_eq!(parse_endoscope(r#"{"endoscope_number": "12"}"#), Ok(Some(12)));
+        assert_eq!(parse_endoscope(r#"{"endoscope_number": "N/A"}"#), Ok(None));
+        assert_eq!(parse_endoscope("{\n,").unwrap_err().line, Some(2));
+    }
+
+    #[test]
+    fn calibrations_lie_beside_or_above() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("Sequences/Seq_001");
+        text(&folder.join("Seq_001_info.json"), "{}");
+        let above = root.path().join("Calibrations/Endoscope_03/Endoscope_03_geometrical.xml");
+        assert_eq!(calibration_file(&folder, Some(3)).unwrap(), None);
+        text(&above, "");
+        let found = calibration_file(&folder, Some(3)).unwrap().unwrap();
+        assert_eq!(found, above.canonicalize().unwrap());
+        text(&folder.join("Endoscope_07_geometrical.xml"), "");
+        assert_eq!(calibration_file(&folder, None).unwrap(), Some(folder.join("Endoscope_07_geometrical.xml")));
+    }
+
+    #[test]
+    fn names_of_the_reconstruction_count_from_one() {
+        assert_eq!(frame_of("out7199.png"), Some(7198));
+        assert_eq!(frame_of("out0.png"), None);
+        assert_eq!(frame_of("000012.png"), Some(12));
+    }
+
+    #[test]
+    fn the_largest_reconstruction_gives_the_poses() {
+        let folder = tempfile::tempdir().unwrap();
+        for (model, names) in [("0", &["out1.png"][..]), ("10", &["out2.png", "out3.png"][..])] {
+            let file = folder.path().join("sparse").join(model).join("images.bin");
+            text(&file, "");
+            std::fs::write(&file, images_file(names)).unwrap();
+        }
+        let (model, images) = largest_reconstruction(folder.path()).unwrap().unwrap();
+        assert!(model.ends_with("sparse/10"));
+        assert_eq!((images.len(), images[1].name.as_str()), (2, "out3.png"));
+        assert_eq!(images[0].world_from_camera, Pose::translation(-1.0, -2.0, -3.0));
+    }
+
+    /// `images.bin` of pictures one observed point each, with `camera_from_world` moving by (1, 2, 3).
+    fn images_file(names: &[&str]) -> Vec<u8> {
+        let mut bytes = (names.len() as u64).to_le_bytes().to_vec();
+        for (number, name) in (1_u32..).zip(names) {
+            bytes.extend(number.to_le_bytes());
+            bytes.extend([1.0_f64, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0].iter().flat_map(|value| value.to_le_bytes()));
+            bytes.extend(1_u32.to_le_bytes());
+            bytes.extend(name.bytes().chain([0]));
+            bytes.extend(1_u64.to_le_bytes());
+            bytes.extend([0_u8; 24]);
+        }
+        bytes
+    }
 }

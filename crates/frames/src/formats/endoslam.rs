@@ -7,12 +7,12 @@ mod workbook;
 
 pub use workbook::{PoseRow, parse_workbook};
 
-use super::{Probe, common, numbered};
-use crate::{Format, FramesError, Sequence, picture};
+use super::{Probe, common};
+use crate::{Format, FramesError, Sequence};
 use endoscape_core::camera::{Intrinsics, RadialTangential};
 use endoscape_core::{Camera, Size};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Largest workbook read, in bytes; real ones have less than a megabyte.
 const LARGEST_WORKBOOK: u64 = 64 << 20;
@@ -63,15 +63,13 @@ pub fn probe(path: &Path) -> Probe {
 
 fn load(path: &Path, workbook: &Path) -> Result<Sequence, FramesError> {
     let folder = path.join("Frames");
-    let pictures = numbered::list(&folder, "frame_", &["jpg", "jpeg", "png"])?;
-    let first = pictures.values().next().ok_or_else(|| numbered::none_found(&folder, "frame_000000.jpg"))?;
-    let size = picture::size(first)?;
     let mut warnings = Vec::new();
     let device = device(path);
-    let camera = camera(path, device, size, &mut warnings)?;
     let fps = frame_rate(device, &mut warnings);
+    let frames = common::frames_at(&common::numbered(&folder, "frame_", &[".jpg", ".jpeg", ".png"])?, fps);
+    let size = common::first_size(&folder, &frames)?;
+    let camera = camera(path, device, size, &mut warnings)?;
     let rows = parse_workbook(&common::read_bytes(workbook, LARGEST_WORKBOOK)?).map_err(|error| error.at(workbook))?;
-    let frame = |(number, picture): (&usize, &PathBuf)| common::frame_of(picture, *number, *number as f64 / fps);
     let mut sequence = Sequence {
         format: Format::Endoslam,
         name: common::name_of(path),
@@ -80,7 +78,7 @@ fn load(path: &Path, workbook: &Path) -> Result<Sequence, FramesError> {
         fps: Some(fps),
         camera,
         video: None,
-        frames: pictures.iter().map(frame).collect(),
+        frames,
         license: None,
         warnings,
     };
@@ -142,5 +140,83 @@ fn frame_rate(device: Option<&Device>, warnings: &mut Vec<String>) -> f64 {
             );
             20.0
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::fixtures::{loaded, picture, refusal};
+    use rust_xlsxwriter::Workbook;
+
+    const COLUMNS: [&str; 10] =
+        ["", "ImageFrame", "Pose_Index", "trans_x", "trans_y", "trans_z", "quot_x", "quot_y", "quot_z", "quot_w"];
+
+    /// A workbook with these frames at x = 1, 2, ... metres.
+    fn workbook(frames: &[u32]) -> Workbook {
+        let mut workbook = Workbook::new();
+        let sheet = workbook.add_worksheet();
+        for (column, name) in COLUMNS.iter().enumerate() {
+            sheet.write(0, column as u16, *name).unwrap();
+        }
+        for (row, frame) in (1..).zip(frames) {
+            let numbers = [f64::from(row) - 1.0, f64::from(*frame), 5.0, f64::from(row), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+            for (column, number) in numbers.into_iter().enumerate() {
+                sheet.write(row, column as u16, number).unwrap();
+            }
+        }
+        workbook
+    }
+
+    fn fixture(workbook: &mut Workbook) -> (tempfile::TempDir, std::path::PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("HighCam/Colon-IV/TumorfreeTrajectory_1");
+        for number in 0..3 {
+            picture(&path.join(format!("Frames/frame_{number:06}.jpg")), Size::new(64, 48));
+        }
+        std::fs::create_dir_all(path.join("Poses")).unwrap();
+        workbook.save(path.join("Poses/low_high_pose.xlsx")).unwrap();
+        (folder, path)
+    }
+
+    #[test]
+    fn rows_are_joined_by_frame_number() {
+        let (_folder, path) = fixture(&mut workbook(&[0, 2, 2, 7]));
+        let sequence = loaded(probe(&path));
+        let x = |index: usize| sequence.frames[index].world_from_camera.map(|pose| pose.translation.x);
+        assert_eq!((x(0), x(1), x(2)), (Some(1.0), None, Some(2.0)));
+        assert_eq!((sequence.fps, sequence.frames[2].time_s), (Some(20.0), 0.1));
+        let endoscape_core::CameraModel::RadialTangential(lens) = *sequence.camera.unwrap().model() else { panic!() };
+        assert!((lens.intrinsics.skew - 0.56242).abs() < 1e-9 && lens.k1 == 0.2533);
+        let told = ["2 of 3 frames have a pose; 1 of 3 poses", "1 rows repeat", "the intrinsics were scaled"];
+        assert!(told.iter().all(|told| sequence.warnings.iter().any(|w| w.contains(told))), "{:?}", sequence.warnings);
+    }
+
+    #[test]
+    fn faults_name_the_row() {
+        let mut book = workbook(&[0, 1]);
+        book.worksheet_from_index(0).unwrap().write(2, 4, "n/a").unwrap();
+        let sentence = refusal(probe(&fixture(&mut book).1));
+        assert!(sentence.contains("low_high_pose.xlsx, line 3: trans_y is `n/a`"), "{sentence}");
+        let mut book = workbook(&[0]);
+        book.worksheet_from_index(0).unwrap().write(0, 9, "w").unwrap();
+        let sentence = refusal(probe(&fixture(&mut book).1));
+        assert!(sentence.contains("line 1: has no column quot_w"), "{sentence}");
+    }
+
+    #[test]
+    fn an_unreadable_workbook_is_a_sentence() {
+        let (_folder, path) = fixture(&mut workbook(&[0]));
+        std::fs::write(path.join("Poses/low_high_pose.xlsx"), b"PK\x03\x04 not really").unwrap();
+        let sentence = refusal(probe(&path));
+        assert!(sentence.contains("low_high_pose.xlsx: is no readable XLSX workbook"), "{sentence}");
+    }
+
+    #[test]
+    fn a_far_cell_costs_nothing() {
+        let mut book = workbook(&[0]);
+        book.worksheet_from_index(0).unwrap().write(1_048_575, 16_383, 1).unwrap();
+        let bytes = book.save_to_buffer().unwrap();
+        assert_eq!(parse_workbook(&bytes).unwrap().len(), 1);
     }
 }

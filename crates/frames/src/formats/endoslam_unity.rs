@@ -3,9 +3,9 @@
 //! `Frames/image_NNNN.png`, `Pixelwise Depths/aov_image_NNNN.png` (8 bit, brighter is nearer, no stated scale),
 //! `Poses/*.csv` (see [`super::unity`]), optional `camera_intrinsics.txt`.
 
-use super::{Probe, common, numbered, unity};
-use crate::depth::{DepthEncoding, DepthFile};
-use crate::{Format, FramesError, Sequence, camera_file, picture};
+use super::{Probe, common, unity};
+use crate::depth::DepthEncoding;
+use crate::{Format, FramesError, Sequence, camera_file};
 use endoscape_core::camera::{Intrinsics, Pinhole};
 use endoscape_core::{Camera, Size};
 use std::path::{Path, PathBuf};
@@ -37,12 +37,10 @@ pub fn probe(path: &Path) -> Probe {
 
 fn load(path: &Path, tables: &[PathBuf]) -> Result<Sequence, FramesError> {
     let folder = path.join("Frames");
-    let pictures = numbered::list(&folder, "image_", &["png", "jpg"])?;
-    let first = pictures.values().next().ok_or_else(|| numbered::none_found(&folder, "image_0000.png"))?;
-    let size = picture::size(first)?;
+    let frames = common::frames_at(&common::numbered(&folder, "image_", &[".png", ".jpg"])?, unity::FPS);
+    let size = common::first_size(&folder, &frames)?;
     let mut warnings = Vec::new();
     let camera = camera(path, size, &mut warnings)?;
-    let frame = |(number, picture): (&usize, &PathBuf)| common::frame_of(picture, *number, *number as f64 / unity::FPS);
     let mut sequence = Sequence {
         format: Format::EndoslamUnity,
         name: common::name_of(path),
@@ -51,7 +49,7 @@ fn load(path: &Path, tables: &[PathBuf]) -> Result<Sequence, FramesError> {
         fps: Some(unity::FPS),
         camera: Some(camera),
         video: None,
-        frames: pictures.iter().map(frame).collect(),
+        frames,
         license: None,
         warnings,
     };
@@ -70,11 +68,9 @@ fn add_depth(sequence: &mut Sequence, folder: &Path) -> Result<(), FramesError> 
     if !folder.is_dir() {
         return Ok(());
     }
-    let mut maps = numbered::list(folder, "aov_image_", &["png"])?;
+    let maps = common::numbered(folder, "aov_image_", &[".png"])?;
     let encoding = DepthEncoding::InverseLike { metres_per_unit: NEAREST_M };
-    for frame in &mut sequence.frames {
-        frame.depth = maps.remove(&frame.number).map(|path| DepthFile { path, encoding: encoding.clone() });
-    }
+    common::attach_depth(&mut sequence.frames, maps, &encoding, &mut sequence.warnings);
     if sequence.has_depth() {
         sequence.warnings.push(format!(
             "the depth maps have 8 bits and no stated scale: they are read as inverse depth with {} mm at the brightest \
@@ -134,4 +130,69 @@ fn off_centre(camera: &Camera) -> Option<String> {
              intrinsics may be those of another camera"
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::fixtures::{lines, loaded, picture, refusal, shared, text};
+
+    fn fixture(rows: usize) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..3 {
+            picture(&folder.path().join(format!("Frames/image_{number:04}.png")), Size::new(32, 32));
+            picture(&folder.path().join(format!("Pixelwise Depths/aov_image_{number:04}.png")), Size::new(32, 32));
+        }
+        let rows = lines(rows, |row| format!("{row},0,0,0,0,0,1,{}", row as f64 / 30.0));
+        text(&folder.path().join("Poses/p.csv"), &format!("tX,tY,tZ,rX,rY,rZ,rW,time(s)\n{rows}"));
+        text(&folder.path().join("camera_intrinsics.txt"), "15.6,0,15.5,0,15.5,15.5,0,0,1\n");
+        folder
+    }
+
+    #[test]
+    fn frames_meet_their_rows_and_maps() {
+        let folder = fixture(3);
+        let sequence = loaded(probe(folder.path()));
+        assert_eq!((sequence.frames.len(), sequence.fps, sequence.size), (3, Some(30.0), Size::new(32, 32)));
+        assert_eq!(sequence.frames[2].world_from_camera.unwrap().translation.x, 0.2);
+        assert!(sequence.frames[1].depth.as_ref().unwrap().path.ends_with("aov_image_0001.png"));
+        assert!(sequence.trajectory().unwrap().len() == 3 && sequence.camera.unwrap().size() == sequence.size);
+        assert!(!sequence.warnings.iter().any(|warning| warning.contains("frames have a pose")));
+    }
+
+    #[test]
+    fn surplus_rows_are_told() {
+        let folder = fixture(7);
+        let sequence = loaded(probe(folder.path()));
+        let told = "3 of 3 frames have a pose; 4 of 7 poses belong to no frame; row i of p.csv was taken for frame i";
+        assert!(sequence.warnings.iter().any(|warning| warning == told), "{:?}", sequence.warnings);
+    }
+
+    #[test]
+    fn the_published_camera_steps_in() {
+        let folder = fixture(3);
+        std::fs::remove_file(folder.path().join("camera_intrinsics.txt")).unwrap();
+        let sequence = loaded(probe(folder.path()));
+        assert!(sequence.warnings.iter().any(|warning| warning.contains("is off the centre")));
+        assert_eq!(sequence.camera.unwrap().size(), Size::new(32, 32));
+    }
+
+    #[test]
+    fn the_first_bad_row_is_named() {
+        let folder = fixture(3);
+        text(&folder.path().join("Poses/p.csv"), "tX,tY\n0,0,0,0,0,0,1,0\n0,0,nan,0,0,0,1,0\n0,0,0,0,0,0,1,0\n");
+        let sentence = refusal(probe(folder.path()));
+        assert!(sentence.contains("p.csv, line 3: tZ is `nan`"), "{sentence}");
+    }
+
+    #[test]
+    fn real_frames_load() {
+        let Some(path) = shared("endoslam/UnityCam/Stomach") else { return };
+        let sequence = loaded(probe(&path));
+        assert_eq!((sequence.frames.len(), sequence.size), (270, Size::new(320, 320)));
+        assert!(sequence.frames.iter().all(|frame| frame.depth.is_some() && frame.world_from_camera.is_some()));
+        for told in ["line 1545: the last row breaks off", "poses belong to no frame", "off the centre", "8 bits"] {
+            assert!(sequence.warnings.iter().any(|warning| warning.contains(told)), "{told}: {:?}", sequence.warnings);
+        }
+    }
 }

@@ -6,24 +6,26 @@
 mod bronchoscope;
 mod c3vd;
 mod c3vd_v2;
-pub(crate) mod colmap;
+pub mod colmap;
 pub(crate) mod common;
-pub(crate) mod endomapper;
+pub mod endomapper;
 mod endomapper_sim;
-pub(crate) mod endoslam;
+pub mod endoslam;
 mod endoslam_unity;
 mod euroc;
+#[cfg(test)]
+pub(crate) mod fixtures;
 mod hamlyn;
 mod images;
 mod kitti_odometry;
 mod kitti_raw;
-mod numbered;
-pub(crate) mod scared;
+pub mod scared;
 mod sequence_folder;
 mod simcol3d;
 mod tum;
-pub(crate) mod unity;
+pub mod unity;
 mod video;
+mod video_frames;
 
 use crate::{FramesError, Sequence};
 use std::fmt;

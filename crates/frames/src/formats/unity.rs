@@ -3,7 +3,7 @@
 //! The file is a table `tX tY tZ rX rY rZ rW time(s)`, comma- or semicolon-separated, one row per rendered frame.
 //! Unity's world and cameras are left-handed: x right, y up, z forward.
 
-use crate::parsers::{Malformed, finite};
+use crate::malformed::{Malformed, finite};
 use endoscape_core::{Pose, se3};
 
 /// Frames per second both data sets were rendered at.

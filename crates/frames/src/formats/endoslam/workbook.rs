@@ -3,8 +3,8 @@
 //! A workbook is a ZIP archive of XML. Its cells are read one by one, never as the table spanned by the farthest
 //! cell, and the archive is unpacked once on trial, because a few kilobytes can unpack to gigabytes.
 
+use crate::malformed::Malformed;
 use crate::natural;
-use crate::parsers::Malformed;
 use calamine::{Data, DataRef, Reader as _, Xlsx};
 use endoscape_core::{Pose, se3};
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Poses of SCARED: one JSON file per frame, usually in a compressed archive.
 
+use crate::malformed::Malformed;
 use crate::natural;
-use crate::parsers::Malformed;
 use endoscape_core::{Pose, se3};
 use flate2::read::GzDecoder;
 use nalgebra::{Matrix3, Vector3};

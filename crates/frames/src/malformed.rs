@@ -1,14 +1,7 @@
-//! Every parser of foreign text and bytes under one roof, free of I/O.
+//! What a parser says about content whose file it does not know.
 //!
-//! The loaders read files and hand their content to these; the fuzz targets and the hostile-input tests call the same
-//! functions directly. None of them panics, and none allocates by a number that stands in its input.
-
-pub use crate::camera_file::parse as camera;
-pub use crate::formats::colmap::{parse_cameras as colmap_cameras, parse_images as colmap_images};
-pub use crate::formats::endomapper::parse_endoscope as endomapper_endoscope;
-pub use crate::formats::endoslam::parse_workbook as endoslam_workbook;
-pub use crate::formats::scared::{parse_archive as scared_archive, parse_frame_data as scared_frame_data};
-pub use crate::formats::unity::parse_poses as unity_poses;
+//! Parsers of foreign text and bytes are pure functions, so that they can be fuzzed: a loader reads the file, hands
+//! its content over, and puts the file's name to the fault with [`Malformed::at`].
 
 use crate::FramesError;
 use endoscape_core::trajectory::TextError;
