@@ -13,8 +13,11 @@ use std::path::Path;
 
 /// Answers whether `path` holds this format, and loads it.
 pub fn probe(path: &Path) -> Probe {
-    let recognised = ["frameVideo.mp4", "state.csv"].iter().all(|name| path.join(name).is_file());
-    recognised.then(|| load(path))
+    if recognised(path) { Some(load(path)) } else { common::only_sequence(path, recognised, load) }
+}
+
+fn recognised(path: &Path) -> bool {
+    ["frameVideo.mp4", "state.csv"].iter().all(|name| path.join(name).is_file())
 }
 
 fn load(path: &Path) -> Result<Sequence, FramesError> {

@@ -30,7 +30,11 @@ const COLOR: &[&str] = &["_color.png", "_color.jpg", "_color.jpeg"];
 
 /// Answers whether `path` holds this format, and loads it.
 pub fn probe(path: &Path) -> Probe {
-    common::holds_numbered(path, "", COLOR).then(|| load(path))
+    if recognised(path) { Some(load(path)) } else { common::only_sequence(path, recognised, load) }
+}
+
+fn recognised(path: &Path) -> bool {
+    common::holds_numbered(path, "", COLOR)
 }
 
 fn load(path: &Path) -> Result<Sequence, FramesError> {
@@ -125,6 +129,7 @@ fn same_shape(a: Size, b: Size) -> bool {
 mod tests {
     use super::*;
     use crate::formats::fixtures::{lines, loaded, picture, refusal, shared, text};
+    use proptest::prelude::*;
 
     fn pose_line(x_mm: usize) -> String {
         format!("1,0,0,0,0,1,0,0,0,0,1,0,{x_mm},0,0,1")
@@ -203,5 +208,12 @@ mod tests {
         let original = loaded(probe(&shared("c3vd/cecum_t1_a_original_files").unwrap()));
         assert_eq!(original.frames.len(), 1);
         assert_eq!(original.warnings, ["1 of 1 frames have a pose; 149 of 150 poses belong to no frame"]);
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_answered(text in "([-0-9.e,]{0,4}|1,0,0,0,0,1,0,0,0,0,1,0,|\n){0,20}") {
+            let _ = parse_poses(&text);
+        }
     }
 }

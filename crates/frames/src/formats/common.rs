@@ -130,21 +130,27 @@ pub fn holds_numbered(folder: &Path, prefix: &str, endings: &[&str]) -> bool {
 
 /// Opens the only sequence of a data set among the folders directly in `parent`.
 ///
-/// `None` if there is none; an error that lists them if there are several.
+/// `None` if there is none, or if pictures lie beside them, which then are what the user means; an error that lists
+/// them if there are several.
 pub fn only_sequence(
     parent: &Path,
     recognised: fn(&Path) -> bool,
     load: fn(&Path) -> Result<crate::Sequence, FramesError>,
 ) -> Probe {
-    let entries = std::fs::read_dir(parent).ok()?;
-    let mut found: Vec<PathBuf> =
-        entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir() && recognised(path)).collect();
+    let entries = || Some(std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path())));
+    if entries()?.any(|path| is_picture(&path.to_string_lossy())) {
+        return None;
+    }
+    let mut found: Vec<PathBuf> = entries()?.filter(|path| path.is_dir() && recognised(path)).collect();
     found.sort_by(|a, b| natural::cmp(&a.to_string_lossy(), &b.to_string_lossy()));
     match found.as_slice() {
         [] => None,
         [only] => Some(load(only)),
         several => {
-            let names = several.iter().map(|path| name_of(path)).collect::<Vec<_>>().join(", ");
+            let mut names = several.iter().take(12).map(|path| name_of(path)).collect::<Vec<_>>().join(", ");
+            if several.len() > 12 {
+                names.push_str(", ...");
+            }
             let reason = format!("holds {} sequences ({names})", several.len());
             Some(Err(FramesError::file(parent, reason, "name one of them")))
         }
@@ -360,6 +366,22 @@ mod tests {
         }
         let error = numbered(folder.path(), "", &[".png"]).unwrap_err().to_string();
         assert!(error.contains("number 1 twice"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_stands_for_its_only_sequence_unless_pictures_lie_there() {
+        let load = |path: &Path| Err(FramesError::file(path, "was loaded", "stop"));
+        let recognised = |path: &Path| path.join("own").is_file();
+        let parent = tempfile::tempdir().unwrap();
+        let answer = || only_sequence(parent.path(), recognised, load).map(|answer| answer.unwrap_err().to_string());
+        assert_eq!(answer(), None);
+        for (name, sentence) in [("b", "b: was loaded"), ("a", "holds 2 sequences (a, b); name one of them")] {
+            std::fs::create_dir(parent.path().join(name)).unwrap();
+            std::fs::write(parent.path().join(name).join("own"), "").unwrap();
+            assert!(answer().unwrap().contains(sentence), "{:?}", answer());
+        }
+        std::fs::write(parent.path().join("1.png"), "").unwrap();
+        assert_eq!(answer(), None);
     }
 
     #[test]

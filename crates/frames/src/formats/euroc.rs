@@ -15,22 +15,31 @@ const LONGEST_POSE_GAP_S: f64 = 0.1;
 
 /// Answers whether `path` holds this format, and loads it.
 pub fn probe(path: &Path) -> Probe {
-    let holders = [path.join("mav0"), path.to_path_buf()];
-    let recognised = |mav: &PathBuf| {
+    if recognised(path) { Some(load(path)) } else { common::only_sequence(path, recognised, load) }
+}
+
+fn recognised(path: &Path) -> bool {
+    mav(path).is_some()
+}
+
+/// The folder `mav0` of a recording, which may itself be what the user names.
+fn mav(path: &Path) -> Option<PathBuf> {
+    let holds_camera = |mav: &PathBuf| {
         let camera = mav.join("cam0");
         camera.join("data").is_dir() && (camera.join("data.csv").is_file() || camera.join("sensor.yaml").is_file())
     };
-    holders.iter().find(|mav| recognised(mav)).map(|mav| load(path, mav))
+    [path.join("mav0"), path.to_path_buf()].into_iter().find(holds_camera)
 }
 
-fn load(path: &Path, mav: &Path) -> Result<Sequence, FramesError> {
+fn load(path: &Path) -> Result<Sequence, FramesError> {
+    let mav = mav(path).ok_or_else(|| FramesError::file(path, "holds no cam0", "fetch the recording again"))?;
     let mut warnings = Vec::new();
     let camera_folder = mav.join("cam0");
     let mut frames = frames(&camera_folder)?;
     let size = common::first_size(&camera_folder, &frames)?;
     let sensor_file = camera_folder.join("sensor.yaml");
     let sensor = sensor(&sensor_file)?;
-    attach_poses(mav, sensor.as_ref(), &mut frames, &mut warnings)?;
+    attach_poses(&mav, sensor.as_ref(), &mut frames, &mut warnings)?;
     let camera = match &sensor {
         Some(sensor) => Some(camera(&sensor_file, sensor, size, &mut warnings)?),
         None => {

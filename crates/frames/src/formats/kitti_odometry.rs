@@ -16,7 +16,11 @@ const CAMERAS: &[(&str, usize)] = &[("image_2", 2), ("image_0", 0), ("image_3", 
 
 /// Answers whether `path` holds this format, and loads it.
 pub fn probe(path: &Path) -> Probe {
-    if recognised(path) { Some(load(path)) } else { common::only_sequence(&path.join("sequences"), recognised, load) }
+    if recognised(path) {
+        return Some(load(path));
+    }
+    let root = if common::name_of(path) == "sequences" { path.to_path_buf() } else { path.join("sequences") };
+    common::only_sequence(&root, recognised, load)
 }
 
 fn recognised(path: &Path) -> bool {
@@ -131,7 +135,7 @@ mod tests {
     fn the_root_and_the_sequence_are_the_same_data() {
         let root = tempfile::tempdir().unwrap();
         let folder = data_set(root.path(), "07", "image_0", 4);
-        for path in [root.path(), &folder] {
+        for path in [root.path(), &root.path().join("sequences"), &folder] {
             let sequence = loaded(probe(path));
             assert_eq!((sequence.name.as_str(), sequence.frames.len()), ("07", 4));
             assert!((sequence.frames[3].time_s - 0.33).abs() < 1e-12);

@@ -82,6 +82,7 @@ pub fn world_from_camera(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn a_degree_is_as_long_as_on_the_globe() {
@@ -101,5 +102,12 @@ mod tests {
         let turned = parse_packet(&format!("49 8 0 0 0 {}", std::f64::consts::FRAC_PI_2)).unwrap();
         let ahead = turned.plane_from_imu(1.0).rotation * Vector3::x();
         assert!((ahead - Vector3::y()).norm() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_answered(text in "[-0-9.e \n]{0,100}") {
+            let _ = parse_packet(&text);
+        }
     }
 }

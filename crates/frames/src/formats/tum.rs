@@ -28,9 +28,12 @@ const RECORDED: Size = Size::new(640, 480);
 
 /// Answers whether `path` holds this format, and loads it.
 pub fn probe(path: &Path) -> Probe {
+    if recognised(path) { Some(load(path)) } else { common::only_sequence(path, recognised, load) }
+}
+
+fn recognised(path: &Path) -> bool {
     let others = ["depth.txt", "groundtruth.txt", "rgb"];
-    let recognised = path.join("rgb.txt").is_file() && others.iter().any(|name| path.join(name).exists());
-    recognised.then(|| load(path))
+    path.join("rgb.txt").is_file() && others.iter().any(|name| path.join(name).exists())
 }
 
 fn load(path: &Path) -> Result<Sequence, FramesError> {
