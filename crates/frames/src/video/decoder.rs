@@ -68,6 +68,12 @@ impl Process {
         child.kill().ok();
         child.wait().ok();
     }
+
+    /// Whether the process is gone and its exit status taken.
+    #[cfg(test)]
+    pub fn has_ended(&self) -> bool {
+        self.0.lock().unwrap().try_wait().unwrap().is_some()
+    }
 }
 
 /// A running `ffmpeg` and what it delivers.
