@@ -156,8 +156,7 @@ fn open_exr(path: &Path, size: Size, metres_per_unit: f64) -> Result<DepthMap, F
     check_size(path, Size::new(layer.layer_size.width(), layer.layer_size.height()), size)?;
     let image = exr::prelude::read_first_flat_layer_from_file(path).map_err(damaged)?;
     let channels = image.layer_data.channel_data.list;
-    let found =
-        ["R", "Z", "Y"].iter().find_map(|name| channels.iter().find(|channel| channel.name.to_string() == **name));
+    let found = ["R", "Z", "Y"].iter().find_map(|name| channels.iter().find(|channel| channel.name.eq(name)));
     let samples = found.ok_or_else(|| wrong_kind(path, "has none of the channels R, Z and Y"))?;
     let values: Vec<f64> = match &samples.sample_data {
         FlatSamples::F16(values) => values.iter().map(|value| value.to_f64()).collect(),

@@ -249,8 +249,8 @@ impl Writer {
 
     fn write_tables(&self, depth_metres_per_unit: Option<f64>) -> Result<(), FramesError> {
         let mut table = csv::Writer::from_writer(Vec::new());
-        let table = self.rows.iter().try_for_each(|row| table.serialize(row)).map(|()| table.into_inner());
-        let Ok(Ok(table)) = table else {
+        let written = self.rows.iter().try_for_each(|row| table.serialize(row));
+        let (Ok(()), Ok(table)) = (written, table.into_inner()) else {
             return Err(FramesError::file(&self.out, "cannot hold its list of frames", "choose fewer frames"));
         };
         self.write_file("frames.csv", table)?;

@@ -98,10 +98,9 @@ proptest! {
 }
 
 fn stored_unit(sequence: &Sequence) -> f64 {
-    match sequence.frames[0].depth.as_ref().unwrap().encoding {
-        crate::depth::DepthEncoding::Linear { metres_per_unit, .. } => metres_per_unit,
-        _ => panic!("our depth is linear"),
-    }
+    let depth = sequence.frames[0].depth.as_ref().unwrap();
+    let crate::depth::DepthEncoding::Linear { metres_per_unit, .. } = depth.encoding else { return f64::NAN };
+    metres_per_unit
 }
 
 #[test]

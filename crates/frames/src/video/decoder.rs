@@ -106,7 +106,7 @@ impl Decoder {
         // Time stamps stay those of the container (`copyts`), and no frame is repeated or dropped to keep a rate.
         ffmpeg.arg("-copyts").args(input_arguments(path)).args(["-map", "0:V:0", "-vf", &filters(selection)]);
         ffmpeg.args(["-vsync", "passthrough"]).args(output);
-        let mut child = ffmpeg.spawn().map_err(|error| not_started(path, "ffmpeg", error))?;
+        let mut child = ffmpeg.spawn().map_err(|error| not_started(path, "ffmpeg", &error))?;
         let pipes = child.stdout.take().zip(child.stderr.take());
         let process = Process(Arc::new(Mutex::new(child)));
         let Some((pixels, log)) = pipes else {

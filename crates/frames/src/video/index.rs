@@ -117,7 +117,7 @@ impl Programs {
     /// As [`super::probe`].
     pub fn probe(&self, path: &Path) -> Result<VideoInfo, FramesError> {
         let mut ffprobe = self.ffprobe(path, &["-show_streams", "-show_format", "-of", "json"]);
-        let output = ffprobe.output().map_err(|error| not_started(path, "ffprobe", error))?;
+        let output = ffprobe.output().map_err(|error| not_started(path, "ffprobe", &error))?;
         let log = String::from_utf8_lossy(&output.stderr);
         if !output.status.success() {
             return Err(FramesError::file(
@@ -140,7 +140,7 @@ impl Programs {
     pub fn index(&self, path: &Path) -> Result<VideoIndex, FramesError> {
         let info = self.probe(path)?;
         let mut ffprobe = self.ffprobe(path, &["-show_entries", "packet=pts,flags", "-of", "csv=p=0"]);
-        let mut child = ffprobe.spawn().map_err(|error| not_started(path, "ffprobe", error))?;
+        let mut child = ffprobe.spawn().map_err(|error| not_started(path, "ffprobe", &error))?;
         // Emptied beside the packets, so that neither pipe fills up while the other one is read.
         let log = child.stderr.take().map(|mut pipe| {
             std::thread::spawn(move || {

@@ -4,7 +4,7 @@ use super::decoder::{Decoder, Selection};
 use super::*;
 use crate::{FrameSource, Sequence, formats};
 use endoscape_core::{Frame, Rect, Size};
-use std::io::{Read as _, Write as _};
+use std::io::{BufRead as _, Write as _};
 use std::net::TcpListener;
 use std::path::PathBuf;
 
@@ -215,7 +215,7 @@ fn serve(bytes: Vec<u8>) -> PathBuf {
         for mut stream in listener.incoming().map_while(Result::ok) {
             let bytes = bytes.clone();
             std::thread::spawn(move || {
-                stream.read(&mut [0; 4096]).ok();
+                std::io::BufReader::new(&stream).read_line(&mut String::new()).ok();
                 stream.write_all(b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n").ok();
                 stream.write_all(&bytes).ok();
             });
