@@ -78,9 +78,7 @@ fn camera(folder: &Path, name: &str, frames: Size, warnings: &mut Vec<String>) -
         warnings.push("no calibration of this recording's endoscope was found: give one with --camera".into());
         return Ok(None);
     };
-    let camera = camera_file::read_camera(&file, Some(frames))?;
-    let fitted = common::fit_camera(camera, frames, warnings);
-    fitted.map(Some).map_err(|error| FramesError::file(&file, error.to_string(), "correct it"))
+    camera_file::read_fitted(&file, frames, warnings).map(Some)
 }
 
 /// Reads the endoscope's number from `Seq_NNN_info.json`; it is a number, a text of digits, or "N/A".

@@ -3,26 +3,29 @@
 //! Each format has one file with one function `probe(path) -> Option<Result<Sequence, FramesError>>`: `None` is "not
 //! mine", `Some(Err(..))` is "mine, and here is the first error with its file and line".
 
-mod bronchoscope;
-mod c3vd;
-mod c3vd_v2;
+pub mod bronchoscope;
+pub mod c3vd;
+pub mod c3vd_v2;
 pub mod colmap;
 pub(crate) mod common;
 pub mod endomapper;
 mod endomapper_sim;
 pub mod endoslam;
 mod endoslam_unity;
-mod euroc;
+pub mod euroc;
+pub mod euroc_sensor;
 #[cfg(test)]
 pub(crate) mod fixtures;
-mod hamlyn;
+pub mod hamlyn;
 mod images;
-mod kitti_odometry;
-mod kitti_raw;
+pub mod kitti;
+pub mod kitti_odometry;
+pub mod kitti_oxts;
+pub mod kitti_raw;
 pub mod scared;
 mod sequence_folder;
-mod simcol3d;
-mod tum;
+pub mod simcol3d;
+pub mod tum;
 pub mod unity;
 mod video;
 mod video_frames;

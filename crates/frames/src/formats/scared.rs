@@ -46,9 +46,7 @@ fn load(path: &Path) -> Result<Sequence, FramesError> {
     let frames = frames(path)?;
     let mut warnings = doubts(path);
     let file = path.join("endoscope_calibration.yaml");
-    let camera = camera_file::read_camera(&file, Some(frames.size))?;
-    let camera = common::fit_camera(camera, frames.size, &mut warnings)
-        .map_err(|error| FramesError::file(&file, error.to_string(), "correct it"))?;
+    let camera = camera_file::read_fitted(&file, frames.size, &mut warnings)?;
     let mut sequence = Sequence {
         format: Format::Scared,
         name: name(path),
