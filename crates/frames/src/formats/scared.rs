@@ -258,4 +258,19 @@ mod tests {
         let (_folder, path) = fixture();
         assert!(refusal(probe(&path)).contains("holds a calibration but no data/rgb.mp4"));
     }
+
+    #[test]
+    fn the_left_view_is_the_upper_half_of_the_video() {
+        let (_folder, path) = fixture();
+        if !video_frames::tests::make_video(&path.join("data/rgb.mp4"), "64x96", 4) {
+            return;
+        }
+        std::fs::write(path.join("data/frame_data.tar.gz"), archive(3)).unwrap();
+        let sequence = loaded(probe(&path));
+        let crop = sequence.video.as_ref().unwrap().crop.unwrap();
+        assert_eq!((crop.x, crop.y, crop.size, sequence.size), (0, 0, Size::new(64, 48), Size::new(64, 48)));
+        assert_eq!((sequence.frames.len(), sequence.fps), (4, Some(25.0)));
+        assert_eq!(sequence.frames[2].world_from_camera.unwrap().translation.x, 2e-3);
+        assert!(sequence.warnings.iter().any(|warning| warning.starts_with("3 of 4 frames have a pose")));
+    }
 }
