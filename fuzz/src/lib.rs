@@ -5,7 +5,7 @@
 //! `hostile` test of `endoscape-frames`, which runs with every `cargo test`.
 //!
 //! ```text
-//! cargo +nightly run --manifest-path fuzz/Cargo.toml --bin seeds   # once: writes corpus/<target>/seed
+//! cargo +nightly run --example seeds      # in fuzz/, once: writes corpus/<target>/seed
 //! cargo +nightly fuzz run camera -- -max_total_time=60
 //! ```
 

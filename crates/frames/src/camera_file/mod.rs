@@ -59,6 +59,12 @@ pub fn read_camera(path: &Path, frames: Option<Size>) -> Result<Camera, FramesEr
     read_calibration(path)?.camera(frames).map_err(|error| error.at(path))
 }
 
+/// Reads a camera from a file and fits it to its frames; a warning says so where the sizes differ.
+pub(crate) fn read_fitted(path: &Path, frames: Size, warnings: &mut Vec<String>) -> Result<Camera, FramesError> {
+    let camera = read_camera(path, Some(frames))?;
+    common::fit_camera(camera, frames, warnings).map_err(|error| common::camera_error(path, &error))
+}
+
 /// Reads a calibration without settling its size.
 pub(crate) fn read_calibration(path: &Path) -> Result<Calibration, FramesError> {
     let bytes = common::read_bytes(path, LARGEST)?;

@@ -78,9 +78,7 @@ fn camera(folder: &Path, name: &str, frames: Size, warnings: &mut Vec<String>) -
         warnings.push("no calibration of this recording's endoscope was found: give one with --camera".into());
         return Ok(None);
     };
-    let camera = camera_file::read_camera(&file, Some(frames))?;
-    let fitted = common::fit_camera(camera, frames, warnings);
-    fitted.map(Some).map_err(|error| FramesError::file(&file, error.to_string(), "correct it"))
+    camera_file::read_fitted(&file, frames, warnings).map(Some)
 }
 
 /// Reads the endoscope's number from `Seq_NNN_info.json`; it is a number, a text of digits, or "N/A".
@@ -227,5 +225,29 @@ mod tests {
             bytes.extend([0_u8; 24]);
         }
         bytes
+    }
+
+    #[test]
+    fn a_recording_meets_its_calibration_and_poses() {
+        let root = tempfile::tempdir().unwrap();
+        let recording = root.path().join("Seq_001.mov");
+        if !video_frames::tests::make_video(&recording, "72x54", 3) {
+            return;
+        }
+        text(&root.path().join("Seq_001_info.json"), "{\"endoscope_number\": 1}");
+        let calibration = "<rig><camera><camera_model type=\"calibu_fu_fv_u0_v0_kb4\"><width>1440</width><height>1080</height>\
+            <params>[717; 717; 735; 552; -0.13; 0; 0; 0]</params></camera_model></camera></rig>";
+        text(&root.path().join("Endoscope_01_geometrical.xml"), calibration);
+        text(&root.path().join("sparse/0/images.bin"), "");
+        std::fs::write(root.path().join("sparse/0/images.bin"), images_file(&["out2.png"])).unwrap();
+        for path in [root.path(), &recording] {
+            let sequence = probe(path).unwrap().unwrap();
+            assert_eq!((sequence.frames.len(), sequence.camera.unwrap().size()), (3, Size::new(72, 54)));
+            assert!(sequence.frames[1].world_from_camera.is_some() && sequence.frames[0].world_from_camera.is_none());
+            assert!(sequence.warnings.iter().any(|warning| warning.contains("own unit of length")));
+        }
+        text(&root.path().join("Endoscope_01_geometrical.xml"), &calibration.replace("717;", "x;"));
+        let sentence = probe(root.path()).unwrap().unwrap_err().to_string();
+        assert!(sentence.contains("Endoscope_01_geometrical.xml, line 1: params is `x`"), "{sentence}");
     }
 }

@@ -18,10 +18,7 @@ fn load(path: &Path) -> Result<Sequence, FramesError> {
     let frames = common::frames_at(&common::numbered(path, "image_", &[".png"])?, unity::FPS);
     let size = common::first_size(path, &frames)?;
     let mut warnings = Vec::new();
-    let calibration = path.join("calibration.txt");
-    let camera = camera_file::read_camera(&calibration, Some(size))?;
-    let camera = common::fit_camera(camera, size, &mut warnings)
-        .map_err(|error| FramesError::file(&calibration, error.to_string(), "correct it"))?;
+    let camera = camera_file::read_fitted(&path.join("calibration.txt"), size, &mut warnings)?;
     let mut sequence = Sequence {
         format: Format::EndomapperSim,
         name: common::name_of(path),

@@ -120,9 +120,10 @@ fn camera(
         warnings.push("no calibration of this camera is known: give one with --camera".into());
         return Ok(None);
     };
-    let invalid = |error: endoscape_core::CameraError| FramesError::file(path, error.to_string(), "check the frames");
-    let camera = Camera::new(size, lens.into()).map_err(invalid)?;
-    common::fit_camera(camera, frames, warnings).map(Some).map_err(invalid)
+    Camera::new(size, lens.into())
+        .and_then(|camera| common::fit_camera(camera, frames, warnings))
+        .map(Some)
+        .map_err(|error| common::camera_error(path, &error))
 }
 
 fn frame_rate(device: Option<&Device>, warnings: &mut Vec<String>) -> f64 {

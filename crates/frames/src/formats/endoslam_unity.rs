@@ -103,13 +103,12 @@ fn camera(path: &Path, frames: Size, warnings: &mut Vec<String>) -> Result<Camer
     let candidates =
         [Some(path), path.parent()].into_iter().flatten().map(|folder| folder.join("camera_intrinsics.txt"));
     let camera = match candidates.into_iter().find(|file| file.is_file()) {
-        Some(file) => camera_file::read_camera(&file, Some(frames))?,
+        Some(file) => camera_file::read_fitted(&file, frames, warnings)?,
         None => {
             warnings.push("no camera_intrinsics.txt: the intrinsics published for UnityCam are used".into());
-            let published = Camera::new(PUBLISHED_SIZE, Pinhole { intrinsics: PUBLISHED }.into());
-            let invalid =
-                |error: endoscape_core::CameraError| FramesError::file(path, error.to_string(), "check the frames");
-            common::fit_camera(published.map_err(invalid)?, frames, warnings).map_err(invalid)?
+            Camera::new(PUBLISHED_SIZE, Pinhole { intrinsics: PUBLISHED }.into())
+                .and_then(|published| common::fit_camera(published, frames, warnings))
+                .map_err(|error| common::camera_error(path, &error))?
         }
     };
     warnings.extend(off_centre(&camera));

@@ -46,9 +46,7 @@ fn load(path: &Path) -> Result<Sequence, FramesError> {
     let frames = frames(path)?;
     let mut warnings = doubts(path);
     let file = path.join("endoscope_calibration.yaml");
-    let camera = camera_file::read_camera(&file, Some(frames.size))?;
-    let camera = common::fit_camera(camera, frames.size, &mut warnings)
-        .map_err(|error| FramesError::file(&file, error.to_string(), "correct it"))?;
+    let camera = camera_file::read_fitted(&file, frames.size, &mut warnings)?;
     let mut sequence = Sequence {
         format: Format::Scared,
         name: name(path),
@@ -259,5 +257,20 @@ mod tests {
         assert!(parse_archive(&whole[..whole.len() / 2]).is_err());
         let (_folder, path) = fixture();
         assert!(refusal(probe(&path)).contains("holds a calibration but no data/rgb.mp4"));
+    }
+
+    #[test]
+    fn the_left_view_is_the_upper_half_of_the_video() {
+        let (_folder, path) = fixture();
+        if !video_frames::tests::make_video(&path.join("data/rgb.mp4"), "64x96", 4) {
+            return;
+        }
+        std::fs::write(path.join("data/frame_data.tar.gz"), archive(3)).unwrap();
+        let sequence = loaded(probe(&path));
+        let crop = sequence.video.as_ref().unwrap().crop.unwrap();
+        assert_eq!((crop.x, crop.y, crop.size, sequence.size), (0, 0, Size::new(64, 48), Size::new(64, 48)));
+        assert_eq!((sequence.frames.len(), sequence.fps), (4, Some(25.0)));
+        assert_eq!(sequence.frames[2].world_from_camera.unwrap().translation.x, 2e-3);
+        assert!(sequence.warnings.iter().any(|warning| warning.starts_with("3 of 4 frames have a pose")));
     }
 }
