@@ -17,7 +17,7 @@ fn omnidirectional() -> Camera {
 }
 
 fn noise(size: Size) -> Image {
-    let byte = |x: usize, y: usize, c: usize| ((x * 7919 + y * 104_729 + c * 1_299_709) * 2_654_435 >> 7) as u8;
+    let byte = |x: usize, y: usize, c: usize| (((x * 7919 + y * 104_729 + c * 1_299_709) * 2_654_435) >> 7) as u8;
     Image::from_fn(size, |x, y| [byte(x, y, 0), byte(x, y, 1), byte(x, y, 2)])
 }
 
