@@ -1,0 +1,5 @@
+//! One file per command: `Args` and `run`.
+
+pub mod convert;
+pub mod devices;
+pub mod inspect;
