@@ -1,4 +1,5 @@
 //! Agreement with independent implementations: NumPy (in the repository) and PyTorch (where the files are at hand).
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 

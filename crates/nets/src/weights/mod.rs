@@ -65,7 +65,8 @@ impl ImportReport {
 
 /// The tensors of a module under the names `rename` gives their paths.
 pub(crate) fn collect<M: Module>(module: &M, rename: impl Fn(&str) -> String) -> Result<NamedArrays, String> {
-    let tensors = module.collect(None, None, true).into_iter();
+    // A normalisation layer keeps its latest statistics aside until somebody asks; `valid` asks, `collect` does not.
+    let tensors = module.valid().collect(None, None, true).into_iter();
     tensors
         .map(|tensor| {
             let name = rename(&tensor.name);
