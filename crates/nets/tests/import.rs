@@ -13,6 +13,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::Path;
 
+/// Shape and bytes by name.
+type Tensors = BTreeMap<String, (Vec<usize>, Vec<u8>)>;
+
 fn import_error(path: &Path, only: Option<Network>) -> String {
     let message = Checkpoint::import(path, only, &Device::flex()).unwrap_err().to_string();
     assert!(!message.contains('\n') && message.contains("; "), "{message}");
@@ -20,10 +23,11 @@ fn import_error(path: &Path, only: Option<Network>) -> String {
 }
 
 /// Copies a safetensors file without its metadata, letting `change` edit names, shapes and bytes.
-fn rewrite(from: &Path, to: &Path, change: impl Fn(&mut BTreeMap<String, (Vec<usize>, Vec<u8>)>)) {
+fn rewrite(from: &Path, to: &Path, change: impl Fn(&mut Tensors)) {
     let bytes = fs::read(from).unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
-    let mut tensors = file.iter().map(|(n, v)| (n.to_string(), (v.shape().to_vec(), v.data().to_vec()))).collect();
+    let mut tensors: Tensors =
+        file.iter().map(|(n, v)| (n.to_string(), (v.shape().to_vec(), v.data().to_vec()))).collect();
     change(&mut tensors);
     let views = tensors
         .iter()
@@ -106,7 +110,7 @@ fn a_tensor_that_does_not_match_is_named() {
     let root = tempfile::tempdir().unwrap();
     let path = root.path().join("changed.safetensors");
     let zeros = |shape: &[usize]| (shape.to_vec(), vec![0; 4 * shape.iter().product::<usize>()]);
-    let cases: [(&dyn Fn(&mut BTreeMap<String, (Vec<usize>, Vec<u8>)>), &str); 5] = [
+    let cases: [(&dyn Fn(&mut Tensors), &str); 5] = [
         (&|t| drop(t.remove("disp.conv3.2.bias")), "holds no conv3.2.bias"),
         (&|t| drop(t.remove("disp.iconv7.0.weight")), "holds no iconv7.0.weight"),
         (&|t| drop(t.insert("disp.extra".into(), zeros(&[2]))), "holds an unknown tensor extra"),
