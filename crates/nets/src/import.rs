@@ -23,9 +23,9 @@ pub(crate) const CONFIG_KEY: &str = "config";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Network {
-    /// [`DispNet`].
+    /// [`DispNet`](crate::DispNet).
     Disp,
-    /// [`PoseMaskNet`].
+    /// [`PoseMaskNet`](crate::PoseMaskNet).
     Pose,
 }
 
