@@ -1,1 +1,38 @@
-//! DispNet and PoseMaskNet, their checkpoints, and weights in and out.
+//! The two networks of the method, their checkpoints, and weights in and out.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`disp_net`] | [`DispNet`]: one picture to a [`DisparityPyramid`] |
+//! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
+//! | [`motion`] | [`Rotation`]: what the last three numbers of a motion mean |
+//! | [`config`] | [`NetsConfig`] and its presets |
+//! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
+//! | [`import`] | weights of PyTorch and safetensors files |
+//! | [`onnx`] | export for other programs |
+//! | [`layers`] | the blocks both are made of |
+//!
+//! Pictures are `[batch, 3, height, width]`, RGB in [-1, 1], of any size. The device decides between training and
+//! inference: on an autodiff device gradients are recorded and batch normalisation uses the batch's statistics.
+
+pub mod checkpoint;
+pub mod config;
+pub mod disp_net;
+pub mod error;
+mod files;
+pub mod import;
+pub mod layers;
+pub mod motion;
+pub mod onnx;
+pub mod pose_mask_net;
+mod weights;
+
+pub use checkpoint::{Checkpoint, DataSource, Manifest};
+pub use config::NetsConfig;
+pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
+pub use error::NetsError;
+pub use import::Network;
+pub use layers::Padding;
+pub use motion::Rotation;
+pub use onnx::OnnxOptions;
+pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};
+pub use weights::ImportReport;
