@@ -42,8 +42,8 @@ pub fn source_from_target(motion: Tensor<2>, rotation: Rotation) -> Tensor<3> {
 /// - `angles`: `[batch, 3]`, radians
 /// - returns: `[batch, 3, 3]`
 pub fn rotation_from_euler(angles: Tensor<2>) -> Tensor<3> {
-    let [cx, cy, cz] = columns(angles.clone().cos());
-    let [sx, sy, sz] = columns(angles.sin());
+    let [cx, cy, cz] = columns(&angles.clone().cos());
+    let [sx, sy, sz] = columns(&angles.sin());
     let (sx_sy, cx_sy) = (sx.clone() * sy.clone(), cx.clone() * sy.clone());
     matrix([
         cy.clone() * cz.clone(),
@@ -66,7 +66,7 @@ pub fn rotation_from_euler(angles: Tensor<2>) -> Tensor<3> {
 pub fn rotation_from_quaternion(vector: Tensor<2>) -> Tensor<3> {
     let norm = (vector.clone().square().sum_dim(1) + 1.0).sqrt();
     let w = norm.clone().recip();
-    let [x, y, z] = columns(vector / norm);
+    let [x, y, z] = columns(&(vector / norm));
     let twice = |a: &Tensor<2>, b: &Tensor<2>| a.clone() * b.clone() * 2.0;
     let diagonal = |a: &Tensor<2>, b: &Tensor<2>| -(twice(a, a) + twice(b, b)) + 1.0;
     matrix([
@@ -89,8 +89,8 @@ pub fn rotation_from_quaternion(vector: Tensor<2>) -> Tensor<3> {
 /// - returns: `[batch, 3, 3]`
 pub fn rotation_from_axis_angle(vector: Tensor<2>) -> Tensor<3> {
     let [batch, _] = vector.dims();
-    let (a, b) = rodrigues_coefficients(vector.clone().square().sum_dim(1));
-    let [x, y, z] = columns(vector);
+    let [x, y, z] = columns(&vector);
+    let (a, b) = rodrigues_coefficients(vector.square().sum_dim(1));
     let zero = x.zeros_like();
     let cross = matrix([zero.clone(), -z.clone(), y.clone(), z, zero.clone(), -x.clone(), -y, x, zero]);
     let identity = Tensor::<2>::eye(3, &cross.device()).cast(cross.dtype()).unsqueeze::<3>();
@@ -114,12 +114,12 @@ fn rodrigues_coefficients(t2: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
 }
 
 /// The three columns of `[batch, 3]`, each `[batch, 1]`.
-fn columns(vectors: Tensor<2>) -> [Tensor<2>; 3] {
+fn columns(vectors: &Tensor<2>) -> [Tensor<2>; 3] {
     [0, 1, 2].map(|column| vectors.clone().narrow(1, column, 1))
 }
 
 /// `[batch, 3, 3]` from nine entries `[batch, 1]`, row after row.
 fn matrix(entries: [Tensor<2>; 9]) -> Tensor<3> {
     let [batch, _] = entries[0].dims();
-    Tensor::cat(entries.to_vec(), 1).reshape([batch, 3, 3])
+    Tensor::cat(Vec::from(entries), 1).reshape([batch, 3, 3])
 }

@@ -26,25 +26,28 @@ pub struct Lens {
     cos_widest: Parameter,
 }
 
-/// From a point in the camera frame to the image plane.
+/// From a point in the camera frame to the image plane; polynomials from their lowest coefficient.
 #[derive(Clone, Debug)]
 enum Curve {
     Pinhole,
-    /// `k` in the order k1, k2, k3 above and k4, k5, k6 below the fraction line.
+    /// Radial `(1 + r^2 above(r^2)) / (1 + r^2 below(r^2))` and decentring.
     RadialTangential {
-        k: [Parameter; 6],
-        p: [Parameter; 2],
+        above: Vec<Parameter>,
+        below: Vec<Parameter>,
+        decentring: [Parameter; 2],
     },
     KannalaBrandt {
-        k: [Parameter; 4],
+        k: Vec<Parameter>,
     },
+    /// The height of the ray over the distance from the centre, and its derivative.
     Omnidirectional {
-        polynomial: [Parameter; 5],
+        height: Vec<Parameter>,
+        slope: Vec<Parameter>,
         start: RadiusStart,
     },
     Unified {
         xi: Parameter,
-        k: [Parameter; 2],
+        k: Vec<Parameter>,
     },
 }
 
@@ -118,24 +121,27 @@ impl Curve {
                 let lenses = lenses_of!(models, RadialTangential);
                 let of = |value: fn(&RadialTangential) -> f64| parameter(&lenses, options, value);
                 Self::RadialTangential {
-                    k: [of(|l| l.k1), of(|l| l.k2), of(|l| l.k3), of(|l| l.k4), of(|l| l.k5), of(|l| l.k6)],
-                    p: [of(|l| l.p1), of(|l| l.p2)],
+                    above: vec![of(|l| l.k1), of(|l| l.k2), of(|l| l.k3)],
+                    below: vec![of(|l| l.k4), of(|l| l.k5), of(|l| l.k6)],
+                    decentring: [of(|l| l.p1), of(|l| l.p2)],
                 }
             }
             Some(CameraModel::KannalaBrandt(_)) => {
                 let lenses = lenses_of!(models, KannalaBrandt);
                 let of = |value: fn(&KannalaBrandt) -> f64| parameter(&lenses, options, value);
-                Self::KannalaBrandt { k: [of(|l| l.k1), of(|l| l.k2), of(|l| l.k3), of(|l| l.k4)] }
+                Self::KannalaBrandt { k: vec![of(|l| l.k1), of(|l| l.k2), of(|l| l.k3), of(|l| l.k4)] }
             }
             Some(CameraModel::Unified(_)) => {
                 let lenses = lenses_of!(models, Unified);
                 let of = |value: fn(&Unified) -> f64| parameter(&lenses, options, value);
-                Self::Unified { xi: of(|l| l.xi), k: [of(|l| l.k1), of(|l| l.k2)] }
+                Self::Unified { xi: of(|l| l.xi), k: vec![of(|l| l.k1), of(|l| l.k2)] }
             }
             Some(CameraModel::Omnidirectional(_)) => {
                 let lenses = lenses_of!(models, Omnidirectional);
+                let coefficient = |k: usize| parameter(&lenses, options, |lens| lens.polynomial[k]);
                 Self::Omnidirectional {
-                    polynomial: [0, 1, 2, 3, 4].map(|k| parameter(&lenses, options, |lens| lens.polynomial[k])),
+                    height: (0..5).map(coefficient).collect(),
+                    slope: (1..5).map(|k| coefficient(k) * k as f64).collect(),
                     start: RadiusStart::new(fits, options),
                 }
             }
@@ -151,14 +157,16 @@ impl Curve {
     fn plane(&self, points: Tensor<4>) -> Tensor<4> {
         match self {
             Self::Pinhole => perspective(points),
-            Self::RadialTangential { k, p } => distort(perspective(points), k, p),
+            Self::RadialTangential { above, below, decentring } => {
+                distort(perspective(points), [above, below], decentring)
+            }
             Self::KannalaBrandt { k } => {
                 let (q, q_length) = half_tangent(points);
                 q * (fisheye_radius(q_length.clone(), k) / q_length)
             }
-            Self::Omnidirectional { polynomial, start } => {
+            Self::Omnidirectional { height, slope, start } => {
                 let (q, q_length) = half_tangent(points);
-                q * (omnidirectional_radius(q_length.clone(), polynomial, start) / q_length)
+                q * (omnidirectional_radius(q_length.clone(), [height, slope], start) / q_length)
             }
             Self::Unified { xi, k } => {
                 let reach = points.clone().narrow(1, 2, 1) + length(points.clone()) * xi.clone();
@@ -175,10 +183,7 @@ impl Affine {
         let maps: Vec<([[f64; 2]; 2], [f64; 2])> = cameras.iter().map(affine_of).collect();
         let entry = |row: usize, column: usize| parameter(&maps, options, |(matrix, _)| matrix[row][column]);
         let centre = |row: usize| parameter(&maps, options, |(_, centre)| centre[row]);
-        Self {
-            matrix: [[entry(0, 0), entry(0, 1)], [entry(1, 0), entry(1, 1)]],
-            centre: [centre(0), centre(1)],
-        }
+        Self { matrix: [[entry(0, 0), entry(0, 1)], [entry(1, 0), entry(1, 1)]], centre: [centre(0), centre(1)] }
     }
 
     fn pixels(&self, plane: Tensor<4>) -> Tensor<4> {
@@ -246,19 +251,18 @@ fn horner(coefficients: &[Parameter], x: &Tensor<4>) -> Tensor<4> {
 }
 
 /// OpenCV's radial and decentring terms.
-fn distort(plane: Tensor<4>, k: &[Parameter; 6], p: &[Parameter; 2]) -> Tensor<4> {
-    let [p1, p2] = p.clone();
+fn distort(plane: Tensor<4>, [above, below]: [&[Parameter]; 2], [p1, p2]: &[Parameter; 2]) -> Tensor<4> {
     let (x, y) = (plane.clone().narrow(1, 0, 1), plane.clone().narrow(1, 1, 1));
     let r2 = plane.clone().square().sum_dim(1);
-    let radial = (horner(&k[..3], &r2) * r2.clone() + 1.0) / (horner(&k[3..], &r2) * r2.clone() + 1.0);
+    let radial = (horner(above, &r2) * r2.clone() + 1.0) / (horner(below, &r2) * r2.clone() + 1.0);
     let twice_xy = x.clone() * y.clone() * 2.0;
     let decentring_x = twice_xy.clone() * p1.clone() + (x.square() * 2.0 + r2.clone()) * p2.clone();
-    let decentring_y = (y.square() * 2.0 + r2) * p1 + twice_xy * p2;
+    let decentring_y = (y.square() * 2.0 + r2) * p1.clone() + twice_xy * p2.clone();
     plane * radial + Tensor::cat(vec![decentring_x, decentring_y], 1)
 }
 
 /// `theta (1 + k1 theta^2 + ...)` with `theta = 2 atan |q|`.
-fn fisheye_radius(q_length: Tensor<4>, k: &[Parameter; 4]) -> Tensor<4> {
+fn fisheye_radius(q_length: Tensor<4>, k: &[Parameter]) -> Tensor<4> {
     let theta = q_length.atan() * 2.0;
     let t2 = theta.clone().square();
     theta * (horner(k, &t2) * t2 + 1.0)
@@ -269,17 +273,16 @@ fn fisheye_radius(q_length: Tensor<4>, k: &[Parameter; 4]) -> Tensor<4> {
 /// The model has no closed form in this direction. A fitted curve gives a start within a pixel; two Newton steps on
 /// `rho (1 - q^2) - 2 q height(rho) = 0` (the condition times the positive `1 + q^2`) square that error twice. Only the
 /// last step is differentiated: by the implicit function theorem its derivative is that of the exact solution.
-fn omnidirectional_radius(q: Tensor<4>, polynomial: &[Parameter; 5], start: &RadiusStart) -> Tensor<4> {
+fn omnidirectional_radius(q: Tensor<4>, curve: [&[Parameter]; 2], start: &RadiusStart) -> Tensor<4> {
     let fixed = q.clone().detach();
-    let rho = newton_step(start.radius(fixed.clone()), fixed, polynomial);
-    newton_step(rho, q, polynomial)
+    let rho = newton_step(start.radius(fixed.clone()), fixed, curve);
+    newton_step(rho, q, curve)
 }
 
-fn newton_step(rho: Tensor<4>, q: Tensor<4>, polynomial: &[Parameter; 5]) -> Tensor<4> {
-    let height = horner(polynomial, &rho);
-    let [_, a1, a2, a3, a4] = polynomial.clone();
-    let slope = horner(&[a1, a2 * 2.0, a3 * 3.0, a4 * 4.0], &rho);
+fn newton_step(rho: Tensor<4>, q: Tensor<4>, [height, slope]: [&[Parameter]; 2]) -> Tensor<4> {
     let along = -q.clone().square() + 1.0;
     let twice = q * 2.0;
-    rho.clone() - (rho * along.clone() - twice.clone() * height) / (along - twice * slope)
+    let residual = rho.clone() * along.clone() - twice.clone() * horner(height, &rho);
+    let derivative = along - twice * horner(slope, &rho);
+    rho - residual / derivative
 }

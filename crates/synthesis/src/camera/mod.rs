@@ -13,7 +13,7 @@ mod tests;
 pub use lens::{Lens, Projected};
 
 use crate::error::SynthesisError;
-use burn::tensor::{Bool, Int, Tensor, TensorCreationOptions, TensorData};
+use burn::tensor::{Int, Tensor, TensorCreationOptions, TensorData};
 use endoscape_core::{Camera, CameraError, Size};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
@@ -180,22 +180,21 @@ fn project_groups(groups: &[Group], points: &Tensor<4>, nearest: &Tensor<4>) -> 
         let items: Vec<i64> = items.iter().map(|item| *item as i64).collect();
         Tensor::<1, Int>::from_data(items.as_slice(), &device)
     };
+    // Positions and their flags travel as one tensor, to be put into order once.
     let project = |group: &Group| {
         let items = indices(&group.items);
-        group.lens.project(points.clone().select(0, items.clone()), nearest.clone().select(0, items))
+        let points = points.clone().select(0, items.clone());
+        let Projected { pixels, in_domain } = group.lens.project(points, nearest.clone().select(0, items));
+        let flags = in_domain.float().cast(pixels.dtype());
+        Tensor::cat(vec![pixels, flags], 1)
     };
-    let (pixels, in_domain): (Vec<Tensor<4>>, Vec<Tensor<4, Bool>>) =
-        groups.iter().map(project).map(|projected| (projected.pixels, projected.in_domain)).unzip();
     let grouped: Vec<usize> = groups.iter().flat_map(|group| group.items.iter().copied()).collect();
     let mut place = vec![0; grouped.len()];
     for (position, item) in grouped.iter().enumerate() {
         place[*item] = position;
     }
-    let order = indices(&place);
-    Projected {
-        pixels: Tensor::cat(pixels, 0).select(0, order.clone()),
-        in_domain: Tensor::cat(in_domain, 0).select(0, order),
-    }
+    let ordered = Tensor::cat(groups.iter().map(project).collect(), 0).select(0, indices(&place));
+    Projected { pixels: ordered.clone().narrow(1, 0, 2), in_domain: ordered.narrow(1, 2, 1).greater_scalar(0.5) }
 }
 
 /// Rays with `z = 1` and where they exist, one picture per camera.
