@@ -12,7 +12,7 @@ use crate::mask_loss::reliability_cross_entropy;
 use crate::photometric::{auto_mask, average, minimum_over_sources, photometric_error};
 use crate::pyramid::{WHOLLY, enlarge, shrink, shrink_usable};
 use crate::smoothness::smoothness;
-use crate::warp::{Synthesized, sample_bilinear, synthesize};
+use crate::warp::{Synthesized, depth_from_disparity, finite_disparity, sample_bilinear, synthesize};
 use burn::tensor::Tensor;
 
 /// A picture and which of its pixels mean anything.
@@ -62,6 +62,9 @@ pub struct LossTerms {
     pub geometry: Tensor<1>,
     /// The weighted sum to minimise.
     pub total: Tensor<1>,
+    /// Share of the target's pixels that count in the photometric term, mean over scales, 0 to 1. Near 0 there is
+    /// nothing to learn from, however low the other numbers are.
+    pub coverage: Tensor<1>,
 }
 
 /// The objective of a batch.
@@ -70,16 +73,14 @@ pub struct LossTerms {
 /// scales are judged at full size.
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
-    let (mut photometric, mut geometry) = (zero.clone(), zero.clone());
+    let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
     let (mut smooth, mut mask) = (zero.clone(), zero);
     for (scale, disparity) in prediction.disparities.iter().enumerate() {
-        let (l_vs, l_geo) = view_synthesis(&Scale::new(batch, prediction, scale, config), config);
-        photometric = photometric + l_vs;
-        geometry = geometry + l_geo;
-        let [_, _, height, width] = disparity.dims();
-        let image = shrink(batch.target.image.clone(), [height, width]);
-        let decay = config.smoothness_decay.powi(i32::try_from(scale).unwrap_or(i32::MAX));
-        smooth = smooth + smoothness(disparity.clone(), &image, config.smoothness) / decay;
+        let synthesis = view_synthesis(&Scale::new(batch, prediction, scale, config), config);
+        photometric = photometric + synthesis.photometric;
+        geometry = geometry + synthesis.geometry;
+        coverage = coverage + synthesis.coverage;
+        smooth = smooth + scale_smoothness(&batch.target, disparity.clone(), scale, config);
         if let Some(reliability) = prediction.masks.get(scale) {
             mask = mask + reliability_cross_entropy(reliability.clone());
         }
@@ -88,7 +89,16 @@ pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveC
         + smooth.clone() * config.smoothness_weight
         + mask.clone() * config.mask_weight
         + geometry.clone() * config.geometry_weight;
-    LossTerms { photometric, smoothness: smooth, mask, geometry, total }
+    let coverage = coverage / prediction.disparities.len().max(1) as f64;
+    LossTerms { photometric, smoothness: smooth, mask, geometry, total, coverage }
+}
+
+/// Smoothness of one scale, at its own size, divided by its decay.
+fn scale_smoothness(target: &View, disparity: Tensor<4>, scale: usize, config: &ObjectiveConfig) -> Tensor<1> {
+    let [_, _, height, width] = disparity.dims();
+    let image = shrink(target.image.clone(), [height, width]);
+    let decay = (0..scale).fold(1.0, |decay, _| decay * config.smoothness_decay);
+    smoothness(finite_disparity(disparity), &image, config.smoothness) / decay
 }
 
 /// One scale's inputs, all of one size.
@@ -118,11 +128,13 @@ impl<'a> Scale<'a> {
             target: batch.target.shrunk(size),
             sources: batch.sources.iter().map(|source| source.shrunk(size)).collect(),
             cameras,
-            depth: disparity(&prediction.disparities).recip(),
+            depth: depth_from_disparity(disparity(&prediction.disparities)),
             source_from_target: &prediction.source_from_target,
             reliability: (0..count).map(|source| mask(source).map(|mask| enlarge(mask, size))).collect(),
             source_depths: (0..count)
-                .map(|source| prediction.source_disparities.get(source).map(|pyramid| disparity(pyramid).recip()))
+                .map(|source| {
+                    prediction.source_disparities.get(source).map(|pyramid| depth_from_disparity(disparity(pyramid)))
+                })
                 .collect(),
         }
     }
@@ -137,23 +149,31 @@ impl View {
     }
 }
 
-/// Photometric and geometric terms of one scale.
-fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> (Tensor<1>, Tensor<1>) {
+/// What synthesis from all sources says about one scale, each `[1]`.
+struct ViewSynthesis {
+    photometric: Tensor<1>,
+    geometry: Tensor<1>,
+    coverage: Tensor<1>,
+}
+
+/// `L_vs` and `L_geo` of one scale.
+fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> ViewSynthesis {
+    let zero = Tensor::<1>::zeros([1], (&scale.depth.device(), scale.depth.dtype()));
+    if scale.sources.is_empty() {
+        return ViewSynthesis { photometric: zero.clone(), geometry: zero.clone(), coverage: zero };
+    }
     let compared: Vec<Compared> = (0..scale.sources.len()).map(|source| compare(scale, source, config)).collect();
-    let zero = || Tensor::<1>::zeros([1], (&scale.depth.device(), scale.depth.dtype()));
-    let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero(), Tensor::add);
+    let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero.clone(), Tensor::add);
     let (errors, valid): (Vec<_>, Vec<_>) = compared.into_iter().map(|source| (source.error, source.valid)).unzip();
+    let (best, counts) = minimum_over_sources(errors.clone(), valid.clone());
     let photometric = match config.across_sources {
-        AcrossSources::Minimum if !errors.is_empty() => {
-            let (error, valid) = minimum_over_sources(errors, valid);
-            average(error, valid, config.average)
-        }
-        _ => {
+        AcrossSources::Minimum => average(best, counts.clone(), config.average),
+        AcrossSources::Sum => {
             let means = errors.into_iter().zip(valid).map(|(error, valid)| average(error, valid, config.average));
-            means.fold(zero(), Tensor::add)
+            means.fold(zero, Tensor::add)
         }
     };
-    (photometric, geometry)
+    ViewSynthesis { photometric, geometry, coverage: counts.mean() }
 }
 
 /// How well one source explains the target.

@@ -9,6 +9,10 @@ use burn::tensor::module::avg_pool2d;
 use burn::tensor::ops::{AvgPoolOptions, PadMode};
 use serde::{Deserialize, Serialize};
 
+/// How much better warping must be to count, in units of the photometric error; Godard et al., ICCV 2019, break ties by
+/// noise of this size.
+const AUTO_MASK_MARGIN: f64 = 1e-5;
+
 /// What the sum of weighted errors is divided by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -68,13 +72,14 @@ pub fn photometric_error(a: Tensor<4>, b: Tensor<4>, ssim_weight: f64) -> Tensor
 /// 1 where the warped source matches the target better than the source as it stands, else 0.
 ///
 /// Godard et al., ICCV 2019, Eq. 5: pixels that do not move with the camera (frozen frames, an overlay, the vignette)
-/// teach infinite depth and are dropped. A tie drops the pixel, so no noise is needed to break it.
+/// teach infinite depth and are dropped. A margin of the size of the published tie-breaking noise drops ties, and keeps
+/// the objective a function of its inputs alone.
 ///
 /// # Shapes
 /// - `warped_error`, `unwarped_error`, returns: `[batch, 1, height, width]`
 pub fn auto_mask(warped_error: Tensor<4>, unwarped_error: Tensor<4>) -> Tensor<4> {
-    let warped_error = warped_error.detach();
-    indicator(warped_error.clone().lower(unwarped_error.detach()), &warped_error)
+    let gain = unwarped_error.detach() - warped_error.detach();
+    indicator(gain.clone().greater_scalar(AUTO_MASK_MARGIN), &gain)
 }
 
 /// Per pixel, the smallest error of any source in which the pixel counts, and whether it counts in any.

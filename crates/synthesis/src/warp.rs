@@ -20,6 +20,10 @@ const DEPTH_RANGE: [f64; 2] = [1e-6, 1e6];
 /// fraction, not a length, so that scaling depth and translation together changes nothing.
 const NEAREST: f64 = 1e-3;
 
+/// Positions may pass the outermost pixel centres by this fraction of the picture: what single precision makes of a
+/// border pixel that did not move. Without it a still camera would lose its border.
+const BORDER_SLACK: f64 = 1e-6;
+
 /// What happens to pixels whose source position lies outside the source picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -103,6 +107,23 @@ pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &Cam
     Correspondence { pixels, depth: depth_in_source.mask_fill(defined.clone().bool_not(), 1.0), defined }
 }
 
+/// `1 / disparity`. Disparities that are zero, negative or NaN give a depth beyond every sane one, without gradient, so
+/// that their pixels do not count.
+///
+/// # Shapes
+/// - `disparity`, returns: `[batch, 1, height, width]`
+pub fn depth_from_disparity(disparity: Tensor<4>) -> Tensor<4> {
+    finite_disparity(disparity).recip()
+}
+
+/// Replaces what is no disparity by one too small to count.
+pub(crate) fn finite_disparity(disparity: Tensor<4>) -> Tensor<4> {
+    let smallest = 0.5 / DEPTH_RANGE[1];
+    let largest = 2.0 / DEPTH_RANGE[0];
+    let sane = disparity.clone().greater_scalar(smallest).bool_and(disparity.clone().lower_scalar(largest));
+    disparity.mask_fill(sane.bool_not(), smallest)
+}
+
 /// Applies a rigid transform to every point, `p' = R p + t`.
 ///
 /// # Shapes
@@ -158,8 +179,9 @@ fn mix(from: Tensor<4>, to: Tensor<4>, share: Tensor<4>) -> Tensor<4> {
 pub fn inside(pixels: &Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4, Bool> {
     let within = |axis: usize, length: usize| {
         let coordinate = pixels.clone().detach().narrow(1, axis, 1);
-        let last = length.saturating_sub(1) as f64;
-        coordinate.clone().greater_equal_scalar(0.0).bool_and(coordinate.lower_equal_scalar(last))
+        let slack = BORDER_SLACK * length as f64;
+        let last = length.saturating_sub(1) as f64 + slack;
+        coordinate.clone().greater_equal_scalar(-slack).bool_and(coordinate.lower_equal_scalar(last))
     };
     within(0, width).bool_and(within(1, height))
 }
