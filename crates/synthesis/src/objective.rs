@@ -71,6 +71,9 @@ pub struct LossTerms {
 ///
 /// Scales are those of `prediction.disparities`; `batch.cameras` needs one level for each, or the first alone when all
 /// scales are judged at full size.
+///
+/// # Panics
+/// If the parts of `batch` and `prediction` do not belong together: other numbers of sources or scales, other sizes.
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
     let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
@@ -165,15 +168,18 @@ fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> ViewSynthesis 
     let compared: Vec<Compared> = (0..scale.sources.len()).map(|source| compare(scale, source, config)).collect();
     let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero.clone(), Tensor::add);
     let (errors, valid): (Vec<_>, Vec<_>) = compared.into_iter().map(|source| (source.error, source.valid)).unzip();
-    let (best, counts) = minimum_over_sources(errors.clone(), valid.clone());
+    let coverage = Tensor::cat(valid.clone(), 1).max_dim(1).mean();
     let photometric = match config.across_sources {
-        AcrossSources::Minimum => average(best, counts.clone(), config.average),
+        AcrossSources::Minimum => {
+            let (best, counts) = minimum_over_sources(errors, valid);
+            average(best, counts, config.average)
+        }
         AcrossSources::Sum => {
             let means = errors.into_iter().zip(valid).map(|(error, valid)| average(error, valid, config.average));
             means.fold(zero, Tensor::add)
         }
     };
-    ViewSynthesis { photometric, geometry, coverage: counts.mean() }
+    ViewSynthesis { photometric, geometry, coverage }
 }
 
 /// How well one source explains the target.
@@ -207,10 +213,10 @@ fn compare(scale: &Scale<'_>, source: usize, config: &ObjectiveConfig) -> Compar
     let mut disagreement = None;
     if let Some(depth) = scale.source_depths[source].clone().filter(|_| config.geometry_weight > 0.0) {
         let sampled = sample_bilinear(depth, synthesized.correspondence.pixels);
-        let map = depth_disagreement(synthesized.correspondence.depth, sampled);
+        let map = depth_disagreement(synthesized.correspondence.depth, sampled) * synthesized.in_view.clone();
         // Detached: disagreeing depths must not be a way to a lower photometric error.
         error = error * (-map.clone().detach() + 1.0);
-        disagreement = Some(average(map, valid.clone(), config.average));
+        disagreement = Some(average(map, valid.clone() * synthesized.in_view, config.average));
     }
     Compared { error, valid, disagreement }
 }

@@ -44,6 +44,8 @@ pub struct Synthesized {
     pub image: Tensor<4>,
     /// `[batch, 1, height, width]`, 1 where the pixel counts under the policy, else 0; never NaN, no gradient.
     pub valid: Tensor<4>,
+    /// `[batch, 1, height, width]`, 1 where the source really shows the pixel, whatever the policy; no gradient.
+    pub in_view: Tensor<4>,
     /// Where the colours were read.
     pub correspondence: Correspondence,
 }
@@ -81,11 +83,11 @@ pub fn synthesize(
     let in_view = defined.clone() * in_picture;
     let image = sample_bilinear(source, correspondence.pixels.clone());
     let (image, valid) = match out_of_view {
-        OutOfView::Grey => (image * in_view, cameras.seen() * defined.ones_like()),
-        OutOfView::Masked => (image, in_view),
+        OutOfView::Grey => (image * in_view.clone(), cameras.seen() * defined.ones_like()),
+        OutOfView::Masked => (image, in_view.clone()),
         OutOfView::Border => (image, defined),
     };
-    Synthesized { image, valid, correspondence }
+    Synthesized { image, valid, in_view, correspondence }
 }
 
 /// Positions of the target's pixels in the source view.
