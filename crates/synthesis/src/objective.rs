@@ -78,8 +78,10 @@ pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveC
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
     let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
     let (mut smooth, mut mask) = (zero.clone(), zero);
+    let full = (config.scales == Scales::Full).then(|| Pictures::new(batch, 0, config));
     for (scale, disparity) in prediction.disparities.iter().enumerate() {
-        let synthesis = view_synthesis(&Scale::new(batch, prediction, scale, config), config);
+        let pictures = full.clone().unwrap_or_else(|| Pictures::new(batch, scale, config));
+        let synthesis = view_synthesis(&Scale::new(pictures, prediction, scale), config);
         photometric = photometric + synthesis.photometric;
         geometry = geometry + synthesis.geometry;
         coverage = coverage + synthesis.coverage;
@@ -104,11 +106,38 @@ fn scale_smoothness(target: &View, disparity: Tensor<4>, scale: usize, config: &
     smoothness(finite_disparity(disparity), &image, config.smoothness) / decay
 }
 
-/// One scale's inputs, all of one size.
-struct Scale<'a> {
+/// The pictures of a batch at the size of a scale.
+#[derive(Clone)]
+struct Pictures<'a> {
+    cameras: &'a CameraBatch,
     target: View,
     sources: Vec<View>,
-    cameras: &'a CameraBatch,
+    /// Per source, how well it matches the target as it stands, `[batch, 1, height, width]`; for the auto-mask alone.
+    unwarped_errors: Vec<Option<Tensor<4>>>,
+}
+
+impl<'a> Pictures<'a> {
+    fn new(batch: &'a ViewBatch, level: usize, config: &ObjectiveConfig) -> Self {
+        let cameras = &batch.cameras.levels()[level];
+        let size = [cameras.size().height, cameras.size().width];
+        let target = batch.target.shrunk(size);
+        let sources: Vec<View> = batch.sources.iter().map(|source| source.shrunk(size)).collect();
+        let unwarped = |source: &View| {
+            let error = || photometric_error(target.image.clone(), source.image.clone(), config.ssim_weight);
+            config.auto_mask.then(error)
+        };
+        let unwarped_errors = sources.iter().map(unwarped).collect();
+        Self { cameras, target, sources, unwarped_errors }
+    }
+
+    fn size(&self) -> [usize; 2] {
+        [self.cameras.size().height, self.cameras.size().width]
+    }
+}
+
+/// One scale's inputs, all of one size.
+struct Scale<'a> {
+    pictures: Pictures<'a>,
     depth: Tensor<4>,
     source_from_target: &'a [Tensor<3>],
     /// Per source, `[batch, 1, height, width]`.
@@ -117,28 +146,20 @@ struct Scale<'a> {
 }
 
 impl<'a> Scale<'a> {
-    fn new(batch: &'a ViewBatch, prediction: &'a Prediction, scale: usize, config: &ObjectiveConfig) -> Self {
-        let levels = batch.cameras.levels();
-        let cameras = match config.scales {
-            Scales::Full => &levels[0],
-            Scales::Native => &levels[scale],
+    fn new(pictures: Pictures<'a>, prediction: &'a Prediction, scale: usize) -> Self {
+        let size = pictures.size();
+        let depth = |pyramid: &Vec<Tensor<4>>| depth_from_disparity(enlarge(pyramid[scale].clone(), size));
+        let reliability = |source: usize| {
+            let mask = prediction.masks.get(scale)?.clone().narrow(1, source, 1);
+            Some(enlarge(mask, size))
         };
-        let size = [cameras.size().height, cameras.size().width];
-        let disparity = |pyramid: &Vec<Tensor<4>>| enlarge(pyramid[scale].clone(), size);
-        let mask = |source: usize| prediction.masks.get(scale).map(|mask| mask.clone().narrow(1, source, 1));
-        let count = batch.sources.len();
+        let sources = 0..pictures.sources.len();
         Self {
-            target: batch.target.shrunk(size),
-            sources: batch.sources.iter().map(|source| source.shrunk(size)).collect(),
-            cameras,
-            depth: depth_from_disparity(disparity(&prediction.disparities)),
+            depth: depth(&prediction.disparities),
             source_from_target: &prediction.source_from_target,
-            reliability: (0..count).map(|source| mask(source).map(|mask| enlarge(mask, size))).collect(),
-            source_depths: (0..count)
-                .map(|source| {
-                    prediction.source_disparities.get(source).map(|pyramid| depth_from_disparity(disparity(pyramid)))
-                })
-                .collect(),
+            reliability: sources.clone().map(reliability).collect(),
+            source_depths: sources.map(|source| prediction.source_disparities.get(source).map(depth)).collect(),
+            pictures,
         }
     }
 }
@@ -162,10 +183,11 @@ struct ViewSynthesis {
 /// `L_vs` and `L_geo` of one scale.
 fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> ViewSynthesis {
     let zero = Tensor::<1>::zeros([1], (&scale.depth.device(), scale.depth.dtype()));
-    if scale.sources.is_empty() {
+    if scale.pictures.sources.is_empty() {
         return ViewSynthesis { photometric: zero.clone(), geometry: zero.clone(), coverage: zero };
     }
-    let compared: Vec<Compared> = (0..scale.sources.len()).map(|source| compare(scale, source, config)).collect();
+    let compared: Vec<Compared> =
+        (0..scale.pictures.sources.len()).map(|source| compare(scale, source, config)).collect();
     let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero.clone(), Tensor::add);
     let (errors, valid): (Vec<_>, Vec<_>) = compared.into_iter().map(|source| (source.error, source.valid)).unzip();
     let coverage = Tensor::cat(valid.clone(), 1).max_dim(1).mean();
@@ -194,18 +216,17 @@ struct Compared {
 
 /// Paints the target with one source and compares.
 fn compare(scale: &Scale<'_>, source: usize, config: &ObjectiveConfig) -> Compared {
-    let (target, view) = (scale.target.image.clone(), &scale.sources[source]);
-    let motion = scale.source_from_target[source].clone();
-    let synthesized = synthesize(view.image.clone(), scale.depth.clone(), motion, scale.cameras, config.out_of_view);
-    let mut valid = usable_pixels(&synthesized, &scale.target, view);
+    let Pictures { cameras, target, sources, unwarped_errors } = &scale.pictures;
+    let (image, motion) = (sources[source].image.clone(), scale.source_from_target[source].clone());
+    let synthesized = synthesize(image, scale.depth.clone(), motion, cameras, config.out_of_view);
+    let mut valid = usable_pixels(&synthesized, target, &sources[source]);
     let image = match config.brightness {
         Brightness::Constant => synthesized.image,
-        Brightness::Affine => align_brightness(synthesized.image, target.clone(), valid.clone()),
+        Brightness::Affine => align_brightness(synthesized.image, target.image.clone(), valid.clone()),
     };
-    let mut error = photometric_error(target.clone(), image, config.ssim_weight);
-    if config.auto_mask {
-        let unwarped = photometric_error(target, view.image.clone(), config.ssim_weight);
-        valid = valid * auto_mask(error.clone(), unwarped);
+    let mut error = photometric_error(target.image.clone(), image, config.ssim_weight);
+    if let Some(unwarped) = &unwarped_errors[source] {
+        valid = valid * auto_mask(error.clone(), unwarped.clone());
     }
     if let Some(reliability) = &scale.reliability[source] {
         error = error * reliability.clone();
