@@ -5,7 +5,7 @@
 
 use crate::EvalError;
 use crate::poses::MatrixPose;
-use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Serialize, Serializer};
 use std::fmt;
 use std::str::FromStr;
@@ -139,9 +139,7 @@ pub(crate) fn umeyama(estimate: &[MatrixPose], truth: &[MatrixPose], with_scale:
         covariance += y * x.transpose();
         variance += x.norm_squared();
     }
-    let svd = (covariance / count).svd(true, true);
-    let (u, v_t) = (svd.u.unwrap_or_else(Matrix3::identity), svd.v_t.unwrap_or_else(Matrix3::identity));
-    let d = svd.singular_values;
+    let (u, d, v_t) = singular_values(&(covariance / count));
     // Equation 43: a reflection is no rotation.
     let sign = if u.determinant() * v_t.determinant() < 0.0 { -1.0 } else { 1.0 };
     let s = Vector3::new(1.0, 1.0, sign);
@@ -152,6 +150,15 @@ pub(crate) fn umeyama(estimate: &[MatrixPose], truth: &[MatrixPose], with_scale:
     let motion = MatrixPose::from_parts(Translation3::from(translation), Rotation3::from_matrix_unchecked(rotation));
     let rank = d.iter().filter(|value| **value > RANK_TOLERANCE * d.max() && **value > 0.0).count();
     Fit { similarity: Similarity { scale, motion }, rank }
+}
+
+/// `(U, d, V^T)` with `d` falling.
+///
+/// Of dynamic size on purpose: for 3x3 nalgebra goes through the eigenvalues of `A^T A`, which costs half the digits.
+fn singular_values(matrix: &Matrix3<f64>) -> (Matrix3<f64>, Vector3<f64>, Matrix3<f64>) {
+    let svd = DMatrix::from_column_slice(3, 3, matrix.as_slice()).svd(true, true);
+    let fixed = |part: Option<DMatrix<f64>>| part.map_or_else(Matrix3::identity, |part| Matrix3::from_column_slice(part.as_slice()));
+    (fixed(svd.u), Vector3::from_column_slice(svd.singular_values.as_slice()), fixed(svd.v_t))
 }
 
 fn mean_position(poses: &[MatrixPose]) -> Vector3<f64> {

@@ -67,11 +67,13 @@ pub struct Delta {
     pub unit: DeltaUnit,
     /// Every pair at that distance, overlapping; otherwise pairs that follow one another.
     pub all_pairs: bool,
+    /// Leave out the pair that starts at the first pose, as evo did for consecutive pairs in metres in older versions.
+    pub skip_first: bool,
 }
 
 impl Default for Delta {
     fn default() -> Self {
-        Self { value: 1.0, unit: DeltaUnit::Frames, all_pairs: false }
+        Self { value: 1.0, unit: DeltaUnit::Frames, all_pairs: false, skip_first: false }
     }
 }
 
@@ -86,13 +88,16 @@ impl Default for Delta {
 pub fn pairs(poses: &[MatrixPose], delta: Delta) -> Result<Vec<(usize, usize)>, EvalError> {
     check(delta, poses.len())?;
     let angle_rad = if delta.unit == DeltaUnit::Degrees { delta.value.to_radians() } else { delta.value };
-    let pairs = match (delta.unit, delta.all_pairs) {
+    let mut pairs = match (delta.unit, delta.all_pairs) {
         (DeltaUnit::Frames, all) => by_index(poses.len(), delta.value as usize, all),
         (DeltaUnit::Metres, true) => nearest_by_path(&accumulated(&path_steps_m(poses)), delta.value),
         (DeltaUnit::Metres, false) => consecutive(&path_steps_m(poses), delta.value),
         (_, true) => all_by_angle(poses, angle_rad),
         (_, false) => consecutive(&turn_steps_rad(poses), angle_rad),
     };
+    if delta.skip_first {
+        pairs.retain(|(start, _)| *start > 0);
+    }
     if pairs.is_empty() {
         return Err(EvalError::NoPairs { delta: delta.value, unit: delta.unit.name() });
     }
@@ -101,7 +106,7 @@ pub fn pairs(poses: &[MatrixPose], delta: Delta) -> Result<Vec<(usize, usize)>, 
 
 fn check(delta: Delta, poses: usize) -> Result<(), EvalError> {
     let refused = |what: String, remedy| Err(EvalError::Setting { what, remedy });
-    let Delta { value, unit, all_pairs } = delta;
+    let Delta { value, unit, all_pairs, .. } = delta;
     let angular = matches!(unit, DeltaUnit::Degrees | DeltaUnit::Radians);
     if !(value > 0.0 && value.is_finite()) {
         return refused(format!("{value} is no distance between poses"), "give a positive --rpe-delta");
@@ -199,7 +204,7 @@ mod tests {
     fn distances_without_meaning_are_refused() {
         let poses = [MatrixPose::identity(); 3];
         for (value, unit) in [(0.0, DeltaUnit::Metres), (1.5, DeltaUnit::Frames), (200.0, DeltaUnit::Degrees)] {
-            let delta = Delta { value, unit, all_pairs: false };
+            let delta = Delta { value, unit, ..Delta::default() };
             assert!(matches!(pairs(&poses, delta), Err(EvalError::Setting { .. })));
         }
         let far = Delta { value: 9.0, ..Delta::default() };

@@ -5,8 +5,10 @@
 //! valid range and the crop and the prediction is known; the scaled prediction is clamped to the range.
 
 mod resize;
+mod sequence;
 
 pub use resize::resize_to;
+pub use sequence::{DepthBaselines, DepthEvaluation, ImageErrors, evaluate};
 
 use crate::EvalError;
 use crate::stats::{mean, median, std};
