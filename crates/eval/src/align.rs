@@ -157,7 +157,9 @@ pub(crate) fn umeyama(estimate: &[MatrixPose], truth: &[MatrixPose], with_scale:
 /// Of dynamic size on purpose: for 3x3 nalgebra goes through the eigenvalues of `A^T A`, which costs half the digits.
 fn singular_values(matrix: &Matrix3<f64>) -> (Matrix3<f64>, Vector3<f64>, Matrix3<f64>) {
     let svd = DMatrix::from_column_slice(3, 3, matrix.as_slice()).svd(true, true);
-    let fixed = |part: Option<DMatrix<f64>>| part.map_or_else(Matrix3::identity, |part| Matrix3::from_column_slice(part.as_slice()));
+    let fixed = |part: Option<DMatrix<f64>>| {
+        part.map_or_else(Matrix3::identity, |part| Matrix3::from_column_slice(part.as_slice()))
+    };
     (fixed(svd.u), Vector3::from_column_slice(svd.singular_values.as_slice()), fixed(svd.v_t))
 }
 

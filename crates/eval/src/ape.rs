@@ -36,7 +36,10 @@ fn parts(error: &MatrixPose) -> (f64, (f64, f64)) {
 
 /// Errors of an aligned estimate, pose by pose: `estimate^-1 * truth`.
 pub fn absolute_errors(estimate: &[MatrixPose], truth: &[MatrixPose]) -> PoseErrors {
-    PoseErrors::of(estimate.par_iter().zip(truth).map(|(estimate, truth)| estimate.inv_mul(truth)))
+    let both = || estimate.par_iter().zip(truth);
+    // The distance itself: rotations with few digits would stretch the translation of the error motion.
+    let translation_m = both().map(|(a, b)| (a.translation.vector - b.translation.vector).norm()).collect();
+    PoseErrors { translation_m, ..PoseErrors::of(both().map(|(estimate, truth)| estimate.inv_mul(truth))) }
 }
 
 /// Rotation angle in radians, 0 to pi.

@@ -94,7 +94,10 @@ fn checked(tolerance_s: f64) -> Result<f64, EvalError> {
     if tolerance_s >= 0.0 && tolerance_s.is_finite() {
         return Ok(tolerance_s);
     }
-    Err(EvalError::Setting { what: format!("{tolerance_s} s is no tolerance in time"), remedy: "give 0 or more seconds" })
+    Err(EvalError::Setting {
+        what: format!("{tolerance_s} s is no tolerance in time"),
+        remedy: "give 0 or more seconds",
+    })
 }
 
 /// Index pairs (of `estimate`, of `truth`); the shorter list asks, each of its stamps once.

@@ -46,11 +46,7 @@ impl Poses {
     /// # Errors
     /// [`EvalError::Empty`], [`EvalError::Unpaired`], [`EvalError::NotFinite`], [`EvalError::Unsorted`], and
     /// [`EvalError::Duplicate`] unless those are kept.
-    pub fn new(
-        stamps: Stamps,
-        world_from_camera: Vec<MatrixPose>,
-        duplicates: Duplicates,
-    ) -> Result<Self, EvalError> {
+    pub fn new(stamps: Stamps, world_from_camera: Vec<MatrixPose>, duplicates: Duplicates) -> Result<Self, EvalError> {
         if world_from_camera.is_empty() {
             return Err(EvalError::Empty);
         }

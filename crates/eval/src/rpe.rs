@@ -43,12 +43,13 @@ impl FromStr for DeltaUnit {
     type Err = EvalError;
 
     fn from_str(text: &str) -> Result<Self, EvalError> {
-        [Self::Frames, Self::Metres, Self::Degrees, Self::Radians].into_iter().find(|unit| unit.name() == text).ok_or_else(
-            || EvalError::Setting {
+        [Self::Frames, Self::Metres, Self::Degrees, Self::Radians]
+            .into_iter()
+            .find(|unit| unit.name() == text)
+            .ok_or_else(|| EvalError::Setting {
                 what: format!("`{text}` is no unit of distance"),
                 remedy: "choose f (frames), m (metres), d (degrees) or r (radians)",
-            },
-        )
+            })
     }
 }
 

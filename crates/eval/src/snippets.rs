@@ -77,7 +77,8 @@ pub fn evaluate(
     let too_few = EvalError::TooFew { got: pairs.len(), needed: length, what: "a window without lost frames" };
     let judge = |estimate: &[MatrixPose]| judge(estimate, &pairs.truth, &starts, length);
     let errors = judge(&pairs.estimate).ok_or_else(|| too_few.clone())?;
-    let baselines = baselines::of(&pairs.truth, constant_motion).try_map(|poses| judge(&poses).ok_or_else(|| too_few.clone()))?;
+    let baselines =
+        baselines::of(&pairs.truth, constant_motion).try_map(|poses| judge(&poses).ok_or_else(|| too_few.clone()))?;
     let expected = (pairs.len() as f64 / pairs.completeness).round() as usize;
     Ok(SnippetEvaluation {
         length,
@@ -119,9 +120,5 @@ pub fn window_errors(estimate: &[MatrixPose], truth: &[MatrixPose]) -> WindowErr
     let sum: f64 = both().map(|(p, g)| (g - p * scale).norm_squared()).sum();
     let angles: f64 = p.iter().zip(&g).map(|(p, g)| angle_rad(&p.inv_mul(g))).sum();
     let count = p.len().max(1) as f64;
-    WindowErrors {
-        published_m: sum.sqrt() / count,
-        rmse_m: (sum / count).sqrt(),
-        rotation_rad: angles / count,
-    }
+    WindowErrors { published_m: sum.sqrt() / count, rmse_m: (sum / count).sqrt(), rotation_rad: angles / count }
 }

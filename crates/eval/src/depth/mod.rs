@@ -176,7 +176,8 @@ impl Samples {
         let mut samples = Self::default();
         for y in rows {
             let both = truth.grid().row(y)[columns.clone()].iter().zip(&prediction.grid().row(y)[columns.clone()]);
-            for (truth_m, prediction) in both.map(|(truth_m, prediction)| (f64::from(*truth_m), f64::from(*prediction))) {
+            for (truth_m, prediction) in both.map(|(truth_m, prediction)| (f64::from(*truth_m), f64::from(*prediction)))
+            {
                 if truth_m > valid.min_m && truth_m < valid.max_m {
                     samples.asked += 1;
                     if prediction > 0.0 {

@@ -96,12 +96,7 @@ pub fn evaluate<E: Send>(
     Ok(summed(images, &constant, scale, scale_std(&ratios).unwrap_or_default()))
 }
 
-fn summed(
-    images: Vec<ImageErrors>,
-    constant: &[DepthErrors],
-    scale: f64,
-    scale_std: f64,
-) -> Option<DepthEvaluation> {
+fn summed(images: Vec<ImageErrors>, constant: &[DepthErrors], scale: f64, scale_std: f64) -> Option<DepthEvaluation> {
     let abs_rel: Vec<f64> = images.iter().map(|image| image.errors.abs_rel).collect();
     Some(DepthEvaluation {
         frames: images.len(),

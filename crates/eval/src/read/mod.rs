@@ -11,8 +11,8 @@
 pub mod numpy;
 mod text;
 
-use crate::poses::{Duplicates, Poses};
 use crate::EvalError;
+use crate::poses::{Duplicates, Poses};
 use std::fmt;
 use std::str::FromStr;
 

@@ -61,10 +61,17 @@ pub fn csv(text: &str, duplicates: Duplicates) -> Result<Poses, EvalError> {
     };
     let column = |names: &[&str]| {
         header.iter().position(|name| names.contains(&name.as_str())).ok_or_else(|| {
-            at(1, format!("the header names no column {}", names.iter().take(3).copied().collect::<Vec<_>>().join(" or ")))
+            at(
+                1,
+                format!(
+                    "the header names no column {}",
+                    names.iter().take(3).copied().collect::<Vec<_>>().join(" or ")
+                ),
+            )
         })
     };
-    let time = column(&["time_s", "time", "timestamp", "timestamp_s", "t", "time_ns", "timestamp_ns", "timestamp [ns]"])?;
+    let time =
+        column(&["time_s", "time", "timestamp", "timestamp_s", "t", "time_ns", "timestamp_ns", "timestamp [ns]"])?;
     let unit_s = if header[time].contains("ns") { 1e-9 } else { 1.0 };
     let columns = [
         time,
