@@ -63,7 +63,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Samples::of(&prediction, &truth, &valid).map_err(|error| anyhow!("{}: {error}", map.display()))
     };
     let evaluation = evaluate(pairs.len(), load, args.scaling, &valid)?.with_context(|| {
-        format!("{}: no pixel has both a prediction and a true depth in range; widen --min and --max", args.estimate.display())
+        format!(
+            "{}: no pixel has both a prediction and a true depth in range; widen --min and --max",
+            args.estimate.display()
+        )
     })?;
     args.output.write(&evaluation, &[table(&evaluation, sequence.frames.len())], &sequence.warnings)
 }
@@ -86,20 +89,25 @@ const fn usual_range_m(format: Format) -> (f64, f64) {
 fn metres_per_unit(args: &Args) -> anyhow::Result<f64> {
     let path = args.estimate.join("run.json");
     let said = std::fs::read_to_string(&path).ok().map(|text| {
-        let run: serde_json::Value =
-            serde_json::from_str(&text).with_context(|| format!("{}: is not JSON; run the method again", path.display()))?;
+        let run: serde_json::Value = serde_json::from_str(&text)
+            .with_context(|| format!("{}: is not JSON; run the method again", path.display()))?;
         anyhow::Ok(run.get("depth_metres_per_unit").and_then(serde_json::Value::as_f64))
     });
     let scaled = (args.scaling != Scaling::None).then_some(MILLIMETRES);
     let unit = args.metres_per_unit.or(said.transpose()?.flatten()).or(scaled).with_context(|| {
         format!("{}: nothing says how long a unit of its maps is; pass --metres-per-unit", args.estimate.display())
     })?;
-    if unit > 0.0 && unit.is_finite() { Ok(unit) } else { bail!("{unit} m is no unit of depth; give a positive --metres-per-unit") }
+    if unit > 0.0 && unit.is_finite() {
+        Ok(unit)
+    } else {
+        bail!("{unit} m is no unit of depth; give a positive --metres-per-unit")
+    }
 }
 
 /// Maps with the frames they belong to: by number, or by order where there are as many.
 fn pairs<'a>(estimate: &Path, sequence: &'a Sequence) -> anyhow::Result<Vec<(PathBuf, &'a FrameEntry)>> {
-    let folder = Some(estimate.join("depth")).filter(|folder| folder.is_dir()).unwrap_or_else(|| estimate.to_path_buf());
+    let folder =
+        Some(estimate.join("depth")).filter(|folder| folder.is_dir()).unwrap_or_else(|| estimate.to_path_buf());
     let maps = list(&folder)?;
     let true_frames: Vec<&FrameEntry> = sequence.frames.iter().filter(|frame| frame.depth.is_some()).collect();
     let numbered: BTreeMap<usize, &PathBuf> = maps.iter().filter_map(|map| Some((number(map)?, map))).collect();
@@ -146,7 +154,9 @@ fn read_map(path: &Path, metres_per_unit: f64) -> anyhow::Result<DepthMap> {
             bail!("{}: an array of shape {:?} is no depth map; save height x width", path.display(), array.shape)
         };
         let depth_m = array.values.iter().map(|value| *value as f32).collect();
-        return Ok(DepthMap::new(Grid::new(Size::new(width, height), depth_m).with_context(|| path.display().to_string())?));
+        return Ok(DepthMap::new(
+            Grid::new(Size::new(width, height), depth_m).with_context(|| path.display().to_string())?,
+        ));
     }
     let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
         .map_err(|error| anyhow!("{}: cannot be read as a depth map: {error}; write it again", path.display()))?;

@@ -2,8 +2,11 @@
 
 use std::fmt::Write as _;
 
-/// Digits the largest number of a column is shown with.
+/// Digits the smallest number of a column is shown with.
 const SIGNIFICANT: i32 = 4;
+
+/// Share of the largest number of a column below which a number is shown as it comes out.
+const NEGLIGIBLE: f64 = 1e-4;
 
 /// Most decimals shown; smaller numbers call for another unit.
 const MOST_DECIMALS: i32 = 6;
@@ -74,7 +77,9 @@ impl Table {
 
     /// Comma-separated, every digit, under a comment line with the title.
     pub fn csv(&self) -> String {
-        let quoted = |text: &str| if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() };
+        let quoted = |text: &str| {
+            if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+        };
         let head: Vec<String> = self.columns.iter().map(|(head, _)| quoted(head)).collect();
         let mut text = format!("# {}\n{}\n", self.title, head.join(","));
         for row in &self.rows {
@@ -95,9 +100,15 @@ impl Table {
         let escaped = |text: &str| text.replace('%', r"\%").replace('_', r"\_").replace('#', r"\#");
         let head: Vec<String> = self.columns.iter().map(|(head, _)| escaped(head)).collect();
         let align = format!("l{}", "r".repeat(self.columns.len().saturating_sub(1)));
-        let mut text = format!("% {}\n\\begin{{tabular}}{{{align}}}\n\\toprule\n{} \\\\\n\\midrule\n", self.title, head.join(" & "));
+        let mut text = format!(
+            "% {}\n\\begin{{tabular}}{{{align}}}\n\\toprule\n{} \\\\\n\\midrule\n",
+            self.title,
+            head.join(" & ")
+        );
         for row in self.rendered("}", "") {
-            let bold = |cell: &String| cell.strip_suffix('}').map_or_else(|| escaped(cell), |best| format!("\\textbf{{{best}}}"));
+            let bold = |cell: &String| {
+                cell.strip_suffix('}').map_or_else(|| escaped(cell), |best| format!("\\textbf{{{best}}}"))
+            };
             // Writing to a String cannot fail.
             writeln!(text, "{} \\\\", row.iter().map(bold).collect::<Vec<_>>().join(" & ")).ok();
         }
@@ -116,7 +127,13 @@ impl Table {
                     Some(Cell::Number(number)) => format!("{number:.decimals$}"),
                     Some(Cell::Missing) | None => "-".to_owned(),
                 };
-                let mark = if *direction == Best::Neither { "" } else if winner == Some(index) { best } else { other };
+                let mark = if *direction == Best::Neither {
+                    ""
+                } else if winner == Some(index) {
+                    best
+                } else {
+                    other
+                };
                 row.push(cell + mark);
             }
         }
@@ -130,10 +147,13 @@ impl Table {
         })
     }
 
-    /// Decimals that show the largest number of a column with four digits.
+    /// Decimals that show the smallest number of a column with four digits; what is nothing beside the largest does not
+    /// count.
     fn decimals(&self, column: usize) -> usize {
-        let largest = self.numbers(column).map(|(_, number)| number.abs()).fold(0.0, f64::max);
-        let magnitude = if largest > 0.0 { largest.log10().floor() as i32 } else { 0 };
+        let sizes = || self.numbers(column).map(|(_, number)| number.abs());
+        let largest = sizes().fold(0.0, f64::max);
+        let smallest = sizes().filter(|size| *size > NEGLIGIBLE * largest).fold(largest, f64::min);
+        let magnitude = if smallest > 0.0 { smallest.log10().floor() as i32 } else { 0 };
         (SIGNIFICANT - 1 - magnitude).clamp(0, MOST_DECIMALS) as usize
     }
 
@@ -159,7 +179,8 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let mut table = Table::new("Errors", &[("answer", Best::Neither), ("ATE [m]", Best::Lowest), ("share [%]", Best::Highest)]);
+        let mut table =
+            Table::new("Errors", &[("answer", Best::Neither), ("ATE [m]", Best::Lowest), ("share [%]", Best::Highest)]);
         table.push(vec![Cell::Text("estimate".into()), Cell::Number(1.25), Cell::Number(99.0)]);
         table.push(vec![Cell::Text("zero".into()), Cell::Number(12.5), Cell::Missing]);
         table
@@ -167,16 +188,22 @@ mod tests {
 
     #[test]
     fn columns_are_aligned_and_the_best_is_marked() {
-        let expected = "Errors\nanswer    ATE [m]  share [%]\n-----------------------------\nestimate   1.25*     99.00*\nzero      12.50           -\n";
+        let expected = [
+            "Errors",
+            "answer    ATE [m]  share [%]",
+            "----------------------------",
+            "estimate   1.250*     99.00*",
+            "zero      12.500          -",
+        ];
         let text = table().text();
         let trimmed: Vec<&str> = text.lines().map(str::trim_end).collect();
-        assert_eq!(trimmed, expected.lines().collect::<Vec<_>>());
+        assert_eq!(trimmed, expected);
     }
 
     #[test]
     fn csv_keeps_every_digit_and_latex_escapes() {
         assert_eq!(table().csv(), "# Errors\nanswer,ATE [m],share [%]\nestimate,1.25,99\nzero,12.5,\n");
         let latex = table().latex();
-        assert!(latex.contains(r"share [\%]") && latex.contains(r"\textbf{1.25} & \textbf{99.00}"), "{latex}");
+        assert!(latex.contains(r"share [\%]") && latex.contains(r"\textbf{1.250} & \textbf{99.00}"), "{latex}");
     }
 }

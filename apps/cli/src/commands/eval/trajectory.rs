@@ -1,8 +1,8 @@
 //! `endoscape eval trajectory`.
 
+use super::Output;
 use super::load::Pairing;
 use super::table::{Best, Cell, Table, length_unit};
-use super::Output;
 use endoscape_eval::Alignment;
 use endoscape_eval::rpe::{Delta, DeltaUnit};
 use endoscape_eval::trajectory::{Settings, TrajectoryErrors, TrajectoryEvaluation, evaluate};
@@ -13,7 +13,9 @@ use std::path::PathBuf;
 /// ESTIMATE and TRUTH are files (tum, kitti, euroc, csv, npy, npz; told apart by content), run folders, sequence
 /// folders or data-set sequences.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  endoscape eval trajectory runs/colon patient/colon --align sim3 --lengths 0.1,0.2,0.3,0.4,0.5")]
+#[command(
+    after_help = "Example:\n  endoscape eval trajectory runs/colon patient/colon --align sim3 --lengths 0.1,0.2,0.3,0.4,0.5"
+)]
 pub struct Args {
     /// The estimated trajectory
     estimate: PathBuf,
