@@ -116,7 +116,8 @@ pub fn detect(text: &str) -> Result<TrajectoryFormat, EvalError> {
     if record.contains(',') {
         return detect_commas(&header, record);
     }
-    match record.split_whitespace().map(finite).collect::<Option<Vec<f64>>>().map(|numbers| numbers.len()) {
+    // NaN counts as a number here, so that the reader can name the line it stands in.
+    match record.split_whitespace().map(|field| field.parse().ok()).collect::<Option<Vec<f64>>>().map(|row| row.len()) {
         Some(8) => Ok(TrajectoryFormat::Tum),
         Some(12 | 13) => Ok(TrajectoryFormat::Kitti),
         Some(count) => {
