@@ -16,8 +16,10 @@ pub fn resize_to(map: &DepthMap, size: Size) -> Result<DepthMap, EvalError> {
     if from == size {
         return Ok(map.clone());
     }
+    // An empty size gives infinity or NaN, neither of which is close.
     let aspect = (from.width * size.height) as f64 / (from.height * size.width) as f64;
-    if !((aspect - 1.0).abs() <= ASPECT_TOLERANCE) {
+    let close = (aspect - 1.0).abs() <= ASPECT_TOLERANCE;
+    if !close {
         return Err(EvalError::Shape { prediction: from, truth: size });
     }
     let columns: Vec<Tap> = (0..size.width).map(|x| Tap::of(x, size.width, from.width)).collect();

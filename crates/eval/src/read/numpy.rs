@@ -146,8 +146,11 @@ fn holds_poses(array: &Array) -> bool {
     matches!(array.shape.as_slice(), [_, 4 | 3, 4] | [_, 12 | 7 | 8])
 }
 
+/// Makes a pose of the numbers of one row.
+type PoseReader = fn(&[f64]) -> Result<MatrixPose, String>;
+
 fn matrices(array: &Array) -> Result<Vec<MatrixPose>, EvalError> {
-    let (width, pose): (usize, fn(&[f64]) -> Result<MatrixPose, String>) = match array.shape.as_slice() {
+    let (width, pose): (usize, PoseReader) = match array.shape.as_slice() {
         [_, 4, 4] => (16, |n| matrix_pose(&n[..12])),
         [_, 3, 4] | [_, 12] => (12, matrix_pose),
         [_, 7] => (7, quaternion_pose),
