@@ -1,5 +1,7 @@
 //! `endoscape eval`, driven as a user drives it.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests fail and speak as tests do")]
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

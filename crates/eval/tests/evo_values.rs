@@ -2,6 +2,8 @@
 //!
 //! `python scripts/compare_with_evo.py --print-reference` prints them again.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail and speak as tests do")]
+
 use endoscape_eval::rpe::{Delta, DeltaUnit};
 use endoscape_eval::trajectory::{Settings, evaluate};
 use endoscape_eval::{Alignment, Duplicates, MatrixPose, Poses, Stamps};
@@ -29,104 +31,34 @@ fn pair() -> (Poses, Poses) {
 /// Scale; ATE rmse, median; rotation mean; full rmse; pairs; RPE rmse, max; rotation rmse; full mean.
 type Figures = [f64; 10];
 
+#[rustfmt::skip]
+const CASES: [(Alignment, f64, DeltaUnit, bool, Figures); 5] = [
+    (Alignment::None, 1.0, DeltaUnit::Frames, false, [
+        1.0, 3.3445212070259673, 3.186552939695017, 1.36648707625545, 3.344701084346614,
+        119.0, 0.09588783170675039, 0.15597478131793852, 1.7459568019395593, 0.10041545043040835,
+    ]),
+    (Alignment::Se3, 0.5, DeltaUnit::Metres, true, [
+        1.0, 1.3711406277758487, 1.4410264919517815, 1.4088825092094575, 1.3716077396664823,
+        112.0, 0.326575540817384, 0.5241780578471616, 2.0433807977464986, 0.3166473142627567,
+    ]),
+    (Alignment::Sim3, 0.5, DeltaUnit::Metres, false, [
+        1.99648059650167, 0.12243514431642179, 0.12146089814482712, 1.4088825092094575, 0.12755992685492165,
+        34.0, 0.16461651925723764, 0.24395918262548172, 1.9174260277164175, 0.16354216670256622,
+    ]),
+    (Alignment::Scale, 10.0, DeltaUnit::Degrees, true, [
+        1.99648059650167, 7.469703711330445, 7.465144360423931, 1.36648707625545, 7.469784252202121,
+        180.0, 0.197390348595649, 0.3024004851367451, 2.292753496134939, 0.1956264616587583,
+    ]),
+    (Alignment::First, 0.2, DeltaUnit::Radians, false, [
+        1.0, 1.956349886798432, 1.7049189989674982, 1.9344647847517138, 1.9569990234871764,
+        19.0, 0.3583876298282599, 0.5446435197512237, 1.9568007804802907, 0.34415304286464393,
+    ]),
+];
+
 #[test]
 fn all_alignments_and_units() {
-    use Alignment::{First, None, Scale, Se3, Sim3};
-    use DeltaUnit::{Degrees, Frames, Metres, Radians};
-    let cases: [(Alignment, f64, DeltaUnit, bool, Figures); 5] = [
-        (
-            None,
-            1.0,
-            Frames,
-            false,
-            [
-                1.0,
-                3.3445212070259673,
-                3.186552939695017,
-                1.36648707625545,
-                3.344701084346614,
-                119.0,
-                0.09588783170675039,
-                0.15597478131793852,
-                1.7459568019395593,
-                0.10041545043040835,
-            ],
-        ),
-        (
-            Se3,
-            0.5,
-            Metres,
-            true,
-            [
-                1.0,
-                1.3711406277758487,
-                1.4410264919517815,
-                1.4088825092094575,
-                1.3716077396664823,
-                112.0,
-                0.326575540817384,
-                0.5241780578471616,
-                2.0433807977464986,
-                0.3166473142627567,
-            ],
-        ),
-        (
-            Sim3,
-            0.5,
-            Metres,
-            false,
-            [
-                1.99648059650167,
-                0.12243514431642179,
-                0.12146089814482712,
-                1.4088825092094575,
-                0.12755992685492165,
-                34.0,
-                0.16461651925723764,
-                0.24395918262548172,
-                1.9174260277164175,
-                0.16354216670256622,
-            ],
-        ),
-        (
-            Scale,
-            10.0,
-            Degrees,
-            true,
-            [
-                1.99648059650167,
-                7.469703711330445,
-                7.465144360423931,
-                1.36648707625545,
-                7.469784252202121,
-                180.0,
-                0.197390348595649,
-                0.3024004851367451,
-                2.292753496134939,
-                0.1956264616587583,
-            ],
-        ),
-        (
-            First,
-            0.2,
-            Radians,
-            false,
-            [
-                1.0,
-                1.956349886798432,
-                1.7049189989674982,
-                1.9344647847517138,
-                1.9569990234871764,
-                19.0,
-                0.3583876298282599,
-                0.5446435197512237,
-                1.9568007804802907,
-                0.34415304286464393,
-            ],
-        ),
-    ];
     let (estimate, truth) = pair();
-    for (align, value, unit, all_pairs, expected) in cases {
+    for (align, value, unit, all_pairs, expected) in CASES {
         let delta = Delta { value, unit, all_pairs, skip_first: false };
         let evaluation = evaluate(&estimate, &truth, &Settings { align, delta, ..Settings::default() }).unwrap();
         let (errors, rpe) = (&evaluation.errors, &evaluation.errors.rpe);

@@ -1,5 +1,7 @@
 //! Laws the errors obey, and trajectories that must not end in NaN.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail and speak as tests do")]
+
 use endoscape_eval::snippets;
 use endoscape_eval::trajectory::{Settings, TrajectoryEvaluation, evaluate};
 use endoscape_eval::{Alignment, Association, Duplicates, EvalError, MatrixPose, Poses, Stamps};
