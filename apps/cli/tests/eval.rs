@@ -204,3 +204,67 @@ fn kitti_00_by_orb_slam() {
     let result = json(&["trajectory", estimate.to_str().unwrap(), truth.to_str().unwrap(), "--align", "se3"]);
     assert!((result["ate_m"]["rmse"].as_f64().unwrap() - 1.3034497145650266).abs() < 1e-9);
 }
+
+/// Depth of a bowl in units of 0.1 mm.
+fn bowl(width: u32, height: u32, factor: f64) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
+    image::ImageBuffer::from_fn(width, height, |x, y| {
+        let (x, y) = (f64::from(x) / f64::from(width), f64::from(y) / f64::from(height));
+        image::Luma([(factor * (300.0 + 200.0 * x + 100.0 * y * y)) as u16])
+    })
+}
+
+/// A sequence folder of three frames with depth, and a run folder with maps that are twice as deep.
+fn depth_folders(folder: &Folder) -> (String, String) {
+    folder.file("patient/sequence.toml", "version = 1\nname = 'bowl'\nunits = 'm'\ndepth_metres_per_unit = 0.0001\n");
+    let mut frames = "index,time_s,file,depth,mask\n".to_owned();
+    for number in 0..3 {
+        frames += &format!("{number},{},frames/{number:06}.png,depth/{number:06}.png,\n", f64::from(number) * 0.04);
+        folder.file(&format!("patient/frames/{number:06}.png"), "");
+        let frame = image::RgbImage::from_pixel(40, 32, image::Rgb([90, 60, 60]));
+        frame.save(folder.path(&format!("patient/frames/{number:06}.png"))).unwrap();
+        for (place, factor) in [("patient", 1.0), ("run", 2.0)] {
+            let file = folder.file(&format!("{place}/depth/{number:06}.png"), "");
+            bowl(40, 32, factor).save(file).unwrap();
+        }
+    }
+    folder.file("patient/frames.csv", frames);
+    folder.file("run/run.json", "{\"depth_metres_per_unit\": 0.0001}");
+    (folder.path("run"), folder.path("patient"))
+}
+
+#[test]
+fn depth_is_judged_with_every_scaling() {
+    let folder = Folder::new();
+    let (run, patient) = depth_folders(&folder);
+    let median = json(&["depth", &run, &patient]);
+    assert_eq!(median["frames"].as_u64(), Some(3));
+    assert!((median["scale"].as_f64().unwrap() - 0.5).abs() < 1e-6);
+    for key in ["abs_rel", "sq_rel", "rmse_m", "rmse_log", "silog", "scale_std"] {
+        assert!(median[key].as_f64().unwrap() < 0.01, "{key}");
+    }
+    for key in ["d1", "d2", "d3"] {
+        assert_eq!(median[key].as_f64(), Some(1.0), "{key}");
+    }
+    assert!(median["baselines"]["constant"]["abs_rel"].as_f64().unwrap() > 0.05);
+    let none = json(&["depth", &run, &patient, "--scaling", "none"]);
+    assert!((none["abs_rel"].as_f64().unwrap() - 1.0).abs() < 1e-6);
+    assert!(json(&["depth", &run, &patient, "--scaling", "sequence"])["abs_rel"].as_f64().unwrap() < 1e-3);
+    let near = json(&["depth", &run, &patient, "--min", "0.031", "--max", "0.04", "--crop", "garg"]);
+    assert_eq!(near["coverage"].as_f64(), Some(1.0));
+}
+
+#[test]
+fn bad_depth_ends_in_one_sentence() {
+    let folder = Folder::new();
+    let (run, patient) = depth_folders(&folder);
+    fails(&["depth", &folder.path("nothing"), &patient], "nothing");
+    fails(&["depth", &run, &folder.path("nothing")], "nothing");
+    std::fs::create_dir(folder.path("hollow")).unwrap();
+    fails(&["depth", &folder.path("hollow"), &patient], "no depth map");
+    fails(&["depth", &run, &patient, "--min", "1", "--max", "0.5"], "--min");
+    fails(&["depth", &run, &patient, "--min", "50", "--max", "60"], "no pixel");
+    bowl(20, 80, 1.0).save(folder.path("run/depth/000001.png")).unwrap();
+    fails(&["depth", &run, &patient], "different shape");
+    folder.file("run/depth/000001.png", "not a picture");
+    fails(&["depth", &run, &patient], "000001.png");
+}
