@@ -23,6 +23,7 @@ enum Command {
     Inspect(commands::inspect::Args),
     Convert(commands::convert::Args),
     Devices(commands::devices::Args),
+    Eval(commands::eval::Args),
 }
 
 fn main() -> ExitCode {
@@ -31,6 +32,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => commands::inspect::run(args),
         Command::Convert(args) => commands::convert::run(args),
         Command::Devices(args) => commands::devices::run(args),
+        Command::Eval(args) => commands::eval::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

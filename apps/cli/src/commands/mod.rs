@@ -1,5 +1,6 @@
-//! One file per command: `Args` and `run`.
+//! One module per command: its arguments and what it does.
 
 pub mod convert;
 pub mod devices;
+pub mod eval;
 pub mod inspect;
