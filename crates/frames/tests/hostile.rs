@@ -2,6 +2,7 @@
 //!
 //! The deterministic little sister of the fuzz targets, over the same table of parsers and valid inputs.
 
+#[allow(clippy::expect_used, reason = "a seed that cannot be made is a broken test")]
 #[path = "../../../fuzz/src/parsers.rs"]
 mod parsers;
 

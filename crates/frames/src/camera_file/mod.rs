@@ -156,8 +156,8 @@ pub(crate) fn intrinsics_of_matrix(numbers: &[f64]) -> Result<Intrinsics, Malfor
         }
     };
     match k {
-        [fx, skew, cx, zero, fy, cy, 0.0, 0.0, 1.0] if zero == 0.0 => Ok(Intrinsics { fx, fy, cx, cy, skew }),
-        [fx, zero, 0.0, skew, fy, 0.0, cx, cy, 1.0] if zero == 0.0 => Ok(Intrinsics { fx, fy, cx, cy, skew }),
+        [fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0] => Ok(Intrinsics { fx, fy, cx, cy, skew }),
+        [fx, 0.0, 0.0, skew, fy, 0.0, cx, cy, 1.0] => Ok(Intrinsics { fx, fy, cx, cy, skew }),
         _ => Err(Malformed::whole(
             "holds a matrix that is no camera matrix (expected fx s cx, 0 fy cy, 0 0 1, or its transpose)",
         )),

@@ -8,21 +8,21 @@ fn camera(text: &str) -> Camera {
 fn pinhole(text: &str) -> Intrinsics {
     match camera(text).model() {
         CameraModel::Pinhole(model) => model.intrinsics,
-        other => panic!("{other:?}"),
+        other => unreachable!("{other:?}"),
     }
 }
 
 fn radial(text: &str) -> RadialTangential {
     match camera(text).model() {
         CameraModel::RadialTangential(model) => *model,
-        other => panic!("{other:?}"),
+        other => unreachable!("{other:?}"),
     }
 }
 
 fn fisheye(text: &str) -> KannalaBrandt {
     match camera(text).model() {
         CameraModel::KannalaBrandt(model) => *model,
-        other => panic!("{other:?}"),
+        other => unreachable!("{other:?}"),
     }
 }
 

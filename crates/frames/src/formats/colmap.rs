@@ -168,7 +168,7 @@ mod tests {
     fn cameras_lose_half_a_pixel() {
         let bytes = cameras_file(5, &[717.0, 718.0, 735.5, 552.5, -0.1, 0.0, 0.0, 0.0]);
         let cameras = parse_cameras(&bytes).unwrap();
-        let CameraModel::KannalaBrandt(model) = cameras[0].1.model() else { panic!("{cameras:?}") };
+        let CameraModel::KannalaBrandt(model) = cameras[0].1.model() else { unreachable!("{cameras:?}") };
         assert_eq!((cameras[0].0, model.intrinsics.cx, model.k1), (7, 735.0, -0.1));
         assert!(parse_cameras(&bytes[..bytes.len() - 1]).unwrap_err().reason.contains("ends early"));
         let error = parse_cameras(&cameras_file(7, &[0.0; 5])).unwrap_err();

@@ -187,7 +187,9 @@ mod tests {
         let x = |index: usize| sequence.frames[index].world_from_camera.map(|pose| pose.translation.x);
         assert_eq!((x(0), x(1), x(2)), (Some(1.0), None, Some(2.0)));
         assert_eq!((sequence.fps, sequence.frames[2].time_s), (Some(20.0), 0.1));
-        let endoscape_core::CameraModel::RadialTangential(lens) = *sequence.camera.unwrap().model() else { panic!() };
+        let endoscape_core::CameraModel::RadialTangential(lens) = *sequence.camera.unwrap().model() else {
+            unreachable!()
+        };
         assert!((lens.intrinsics.skew - 0.56242).abs() < 1e-9 && lens.k1 == 0.2533);
         let told = ["2 of 3 frames have a pose; 1 of 3 poses", "1 rows repeat", "the intrinsics were scaled"];
         assert!(told.iter().all(|told| sequence.warnings.iter().any(|w| w.contains(told))), "{:?}", sequence.warnings);
