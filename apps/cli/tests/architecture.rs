@@ -9,7 +9,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-nets", &["endoscape-core"]),
     ("endoscape-synthesis", &["endoscape-core"]),
-    ("endoscape-cli", &["endoscape-core", "endoscape-frames", "endoscape-eval", "endoscape-nets", "endoscape-synthesis"]),
+    (
+        "endoscape-cli",
+        &["endoscape-core", "endoscape-frames", "endoscape-eval", "endoscape-nets", "endoscape-synthesis"],
+    ),
 ];
 
 /// Crates that may link Burn; all others stay light.

@@ -49,7 +49,10 @@ fn resizing_scales_the_intrinsics() {
     succeed(&["convert", &tube(), out.to_str().unwrap(), "--size", "80x64"]);
     let sequence = formats::open(&out, None).unwrap();
     let camera = sequence.camera.unwrap();
-    assert_eq!(camera, formats::open(tube().as_ref(), None).unwrap().camera.unwrap().scaled_to(Size::new(80, 64)).unwrap());
+    assert_eq!(
+        camera,
+        formats::open(tube().as_ref(), None).unwrap().camera.unwrap().scaled_to(Size::new(80, 64)).unwrap()
+    );
     assert!(matches!(camera.model(), CameraModel::KannalaBrandt(lens) if lens.intrinsics.cx == 0.5 * 80.5 - 0.25));
 }
 

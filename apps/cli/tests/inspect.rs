@@ -65,7 +65,12 @@ fn c3vd_obeys_the_published_convention() {
     assert_eq!((&check["frame_a"], &check["frame_b"]), (&0.into(), &30.into()));
     let right = check["median_m"].as_f64().unwrap();
     assert!(right <= 3e-5, "{check}");
-    for wrong in ["inverse pose (camera_from_world)", "inverse pose, OpenGL camera axes", "pinhole without distortion", "depth along the ray"] {
+    for wrong in [
+        "inverse pose (camera_from_world)",
+        "inverse pose, OpenGL camera axes",
+        "pinhole without distortion",
+        "depth along the ray",
+    ] {
         let scores = found["conventions"].as_array().unwrap();
         let score = scores.iter().find(|score| score["name"] == wrong).unwrap();
         if let Some(median) = score["median_m"].as_f64() {

@@ -143,7 +143,8 @@ impl Transform {
 }
 
 fn find_field_of_view(sequence: &Sequence, range: &Range<usize>) -> Result<Option<FieldOfView>, FramesError> {
-    let spread = (0..LOOKED_AT.min(range.len())).map(|part| range.start + part * range.len() / LOOKED_AT.min(range.len()));
+    let spread =
+        (0..LOOKED_AT.min(range.len())).map(|part| range.start + part * range.len() / LOOKED_AT.min(range.len()));
     let images = sequence.read_images(&spread.collect::<Vec<_>>())?;
     Ok(field_of_view::find(&images))
 }

@@ -39,13 +39,19 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The findings for a person.
 fn describe(found: &Inspection) -> String {
-    let mut lines = vec![format!("{}: {} frames of {}x{}, format {}", found.name, found.frames, found.width, found.height, found.format)];
+    let mut lines = vec![format!(
+        "{}: {} frames of {}x{}, format {}",
+        found.name, found.frames, found.width, found.height, found.format
+    )];
     let mut row = |name: &str, value: String| lines.push(format!("  {name:<14}{value}"));
     row("frame rate", found.fps.map_or("unknown".into(), |fps| format!("{fps:.3} per second")));
     let degrees = found.horizontal_fov_deg.map_or(String::new(), |degrees| format!(", {degrees:.1} degrees wide"));
     row("camera", found.camera.map_or("no calibration".into(), |camera| format!("{}{degrees}", camera.model().name())));
     let share = 100.0 * found.field_of_view_share;
-    row("field of view", if share < 100.0 { format!("{share:.1} % of the picture") } else { "the whole picture".into() });
+    row(
+        "field of view",
+        if share < 100.0 { format!("{share:.1} % of the picture") } else { "the whole picture".into() },
+    );
     row("poses", found.path_length_m.map_or("none".into(), |metres| format!("path of {}", length(metres))));
     row("depth", if found.has_depth { "yes".into() } else { "none".into() });
     row("masks", if found.has_masks { "yes".into() } else { "none".into() });

@@ -77,7 +77,10 @@ impl PoseReading {
 
 /// Turns OpenGL camera axes into OpenCV's.
 fn half_turn_about_x() -> Pose {
-    Pose::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
+    Pose::from_parts(
+        Translation3::identity(),
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
+    )
 }
 
 /// `S P S` with the reflection `S` of one axis; the reflections cancel, so it is a rigid motion again.
@@ -91,8 +94,12 @@ pub(crate) fn mirrored(pose: &Pose, axis: usize) -> Pose {
 
 /// The loader's convention first, then the common wrong ones that would differ for this camera.
 pub fn conventions(camera: &Camera) -> Vec<Convention> {
-    let make = |name: &str, camera: Camera, pose, depth| {
-        Convention { name: name.into(), camera, pose, translation_factor: 1.0, depth }
+    let make = |name: &str, camera: Camera, pose, depth| Convention {
+        name: name.into(),
+        camera,
+        pose,
+        translation_factor: 1.0,
+        depth,
     };
     let poses = [
         ("as loaded", PoseReading::AsLoaded),
@@ -106,7 +113,12 @@ pub fn conventions(camera: &Camera) -> Vec<Convention> {
     ];
     let axis = DepthReading::AlongAxis;
     let mut all: Vec<Convention> = poses.iter().map(|(name, pose)| make(name, *camera, *pose, axis)).collect();
-    let units = [("1000 times larger", 1e3), ("10 times larger", 10.0), ("10 times smaller", 0.1), ("1000 times smaller", 1e-3)];
+    let units = [
+        ("1000 times larger", 1e3),
+        ("10 times larger", 10.0),
+        ("10 times smaller", 0.1),
+        ("1000 times smaller", 1e-3),
+    ];
     all.extend(units.map(|(name, factor)| {
         make(&format!("translations {name}"), *camera, PoseReading::AsLoaded, axis).with_translations_times(factor)
     }));

@@ -147,7 +147,8 @@ fn warning(scores: &[MotionScore]) -> Option<String> {
     let (loaded, others) = scores.split_first()?;
     let best = others.iter().max_by(|a, b| a.explained.total_cmp(&b.explained))?;
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-    let best_moving = scores.iter().filter(|score| score.name != NO_MOTION).map(|score| score.explained).fold(0.0, f64::max);
+    let best_moving =
+        scores.iter().filter(|score| score.name != NO_MOTION).map(|score| score.explained).fold(0.0, f64::max);
     let still = scores.iter().find(|score| score.name == NO_MOTION).map_or(0.0, |score| score.explained);
     if best_moving < 0.3 || still > best_moving {
         return Some(format!(
@@ -191,7 +192,8 @@ mod tests {
         for pair in &mut pairs {
             (pair.first, pair.second) = (mistake(&pair.first), mistake(&pair.second));
         }
-        let score = |convention: Convention| MotionScore { explained: explained(&pairs, &convention), name: convention.name };
+        let score =
+            |convention: Convention| MotionScore { explained: explained(&pairs, &convention), name: convention.name };
         conventions(&camera).into_iter().map(score).collect()
     }
 

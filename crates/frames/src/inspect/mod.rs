@@ -169,8 +169,12 @@ fn what_cannot_be_proven(sequence: &Sequence, proven: bool) -> Option<String> {
     let missing = match (sequence.has_poses(), sequence.has_depth(), sequence.camera.is_some()) {
         _ if proven => return None,
         (false, _, true) => return None,
-        (_, _, false) => "no calibration is known, so nothing can be projected; give one with --camera FILE or --hfov DEGREES",
-        (true, false, true) => "the convention of the poses cannot be proven: there is no depth, and too few points could be followed from picture to picture",
+        (_, _, false) => {
+            "no calibration is known, so nothing can be projected; give one with --camera FILE or --hfov DEGREES"
+        }
+        (true, false, true) => {
+            "the convention of the poses cannot be proven: there is no depth, and too few points could be followed from picture to picture"
+        }
         (true, true, true) => "the convention of the poses cannot be proven: no two frames with depth and pose overlap",
     };
     Some(missing.into())

@@ -49,8 +49,10 @@ fn cell_of(at: usize, extent: usize) -> (usize, Option<usize>) {
 /// Depth from the 2nd to the 98th percentile of all panels, so that a few outliers do not flatten the colours.
 fn depth_range(panels: &[Panel]) -> (f32, f32) {
     let depths = panels.iter().filter_map(|panel| panel.depth.as_ref());
-    let mut known: Vec<f32> =
-        depths.flat_map(|depth| depth.grid().values().iter().step_by(31).copied()).filter(|depth| *depth > 0.0).collect();
+    let mut known: Vec<f32> = depths
+        .flat_map(|depth| depth.grid().values().iter().step_by(31).copied())
+        .filter(|depth| *depth > 0.0)
+        .collect();
     known.sort_by(f32::total_cmp);
     let at = |share: f64| known.get((known.len().saturating_sub(1) as f64 * share) as usize).copied().unwrap_or(1.0);
     (at(0.02), at(0.98))

@@ -63,7 +63,8 @@ pub fn check(sequence: &Sequence) -> Result<Verdict, FramesError> {
     let Some(camera) = &sequence.camera else { return Ok(Verdict::default()) };
     let pairs = views(sequence, camera)?;
     let Some((first_a, first_b)) = pairs.first() else { return Ok(Verdict::default()) };
-    let scale_free = sequence.frames.iter().filter_map(|frame| frame.depth.as_ref()).any(|depth| depth.encoding.is_scale_free());
+    let scale_free =
+        sequence.frames.iter().filter_map(|frame| frame.depth.as_ref()).any(|depth| depth.encoding.is_scale_free());
     let tried = tried_conventions(camera, &pairs, scale_free);
     let scores: Vec<ConventionScore> = tried
         .iter()
@@ -115,7 +116,8 @@ fn warnings(scores: &[ConventionScore], consistency: Option<&DepthConsistency>) 
     let mm = |metres: f64| if metres.is_finite() { format!("{:.3} mm", 1e3 * metres) } else { "no overlap".into() };
     let mut warnings = Vec::new();
     let still_m = others.iter().find(|score| score.name == NO_MOTION).and_then(|score| score.median_m);
-    let moves_better = scores.iter().any(|score| score.median_m.zip(still_m).is_some_and(|(a, s)| a < CLEARLY_BETTER * s));
+    let moves_better =
+        scores.iter().any(|score| score.median_m.zip(still_m).is_some_and(|(a, s)| a < CLEARLY_BETTER * s));
     if let (Some(still_m), false) = (still_m, moves_better) {
         warnings.push(format!(
             "the poses do not seem to belong to these frames: no reading of them explains the depth better than a camera that stands still ({}); check that pose file and frames are of the same recording",
