@@ -186,7 +186,7 @@ fn bad_trajectories_end_in_one_sentence() {
     fails(&["trajectory", &folder.path("hollow"), &truth], "hollow");
     fails(&["trajectory", &truth, &truth, "--rpe-delta", "999"], "--rpe-delta");
     fails(&["trajectory", &truth, &truth, "--tolerance", "nan"], "tolerance");
-    fails(&["trajectory", &truth, &truth, "--lengths", "-1"], "--lengths");
+    fails(&["trajectory", &truth, &truth, "--lengths=-1"], "--lengths");
     let line: String = (0..50).map(|i| format!("{} {i} 0 0 0 0 0 1\n", f64::from(i) * 0.04)).collect();
     fails(&["trajectory", &folder.file("line", line), &truth], "one line or in one point");
     assert_eq!(endoscape(&["trajectory", &truth, &truth, "--align", "best"]).status.code(), Some(2));
@@ -206,10 +206,10 @@ fn kitti_00_by_orb_slam() {
 }
 
 /// Depth of a bowl in units of 0.1 mm.
-fn bowl(width: u32, height: u32, factor: f64) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
+fn bowl(width: u32, height: u32, factor: u16) -> image::ImageBuffer<image::Luma<u16>, Vec<u16>> {
     image::ImageBuffer::from_fn(width, height, |x, y| {
         let (x, y) = (f64::from(x) / f64::from(width), f64::from(y) / f64::from(height));
-        image::Luma([(factor * (300.0 + 200.0 * x + 100.0 * y * y)) as u16])
+        image::Luma([factor * (300.0 + 200.0 * x + 100.0 * y * y) as u16])
     })
 }
 
@@ -222,7 +222,7 @@ fn depth_folders(folder: &Folder) -> (String, String) {
         folder.file(&format!("patient/frames/{number:06}.png"), "");
         let frame = image::RgbImage::from_pixel(40, 32, image::Rgb([90, 60, 60]));
         frame.save(folder.path(&format!("patient/frames/{number:06}.png"))).unwrap();
-        for (place, factor) in [("patient", 1.0), ("run", 2.0)] {
+        for (place, factor) in [("patient", 1), ("run", 2)] {
             let file = folder.file(&format!("{place}/depth/{number:06}.png"), "");
             bowl(40, 32, factor).save(file).unwrap();
         }
@@ -263,7 +263,7 @@ fn bad_depth_ends_in_one_sentence() {
     fails(&["depth", &folder.path("hollow"), &patient], "no depth map");
     fails(&["depth", &run, &patient, "--min", "1", "--max", "0.5"], "--min");
     fails(&["depth", &run, &patient, "--min", "50", "--max", "60"], "no pixel");
-    bowl(20, 80, 1.0).save(folder.path("run/depth/000001.png")).unwrap();
+    bowl(20, 80, 1).save(folder.path("run/depth/000001.png")).unwrap();
     fails(&["depth", &run, &patient], "different shape");
     folder.file("run/depth/000001.png", "not a picture");
     fails(&["depth", &run, &patient], "000001.png");
