@@ -85,6 +85,7 @@ fn every_real_sequence_is_recognised() {
         ("c3vd/cecum_t1_a_original_files", "c3vd", 1),
         ("endoslam/UnityCam/Stomach", "endoslam-unity", 270),
         ("simcol3d/Frames", "simcol3d", 10),
+        ("bronchoscope-phantom/VisualServoing_2024-09-29_18-55-31", "bronchoscope", 234),
         ("clips/rvim_endo.mp4", "video", 250),
         ("clips/eg_pulling_gt.mp4", "video", 63),
         ("clips/jk_endoscope.avi", "video", 183),

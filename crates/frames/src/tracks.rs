@@ -4,7 +4,7 @@
 //! the picture and kept only if following them back ends where they began.
 
 use endoscape_core::{Grid, Image, Size};
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Matrix2, Point2, Vector2};
 
 /// Pictures are halved until they are at most this wide: motion between neighbours then stays within reach.
 const WIDEST: usize = 640;
@@ -125,15 +125,19 @@ fn best_match(
     if value < LEAST_CORRELATION || !inside {
         return None;
     }
-    let u = peak(score(dx - 1, dy), value, score(dx + 1, dy));
-    let v = peak(score(dx, dy - 1), value, score(dx, dy + 1));
-    Some(Vector2::new(dx as f64 + u, dy as f64 + v))
+    Some(Vector2::new(dx as f64, dy as f64) + peak(|u, v| f64::from(score(dx + u, dy + v))))
 }
 
-/// Top of the parabola through three values at -1, 0 and 1.
-fn peak(left: f32, middle: f32, right: f32) -> f64 {
-    let curvature = left - 2.0 * middle + right;
-    if curvature >= 0.0 { 0.0 } else { f64::from(0.5 * (left - right) / curvature).clamp(-0.5, 0.5) }
+/// Top of the quadratic surface through the nine values around the best one; the mixed term matters where texture runs
+/// diagonally.
+fn peak(value: impl Fn(isize, isize) -> f64) -> Vector2<f64> {
+    let middle = value(0, 0);
+    let gradient = 0.5 * Vector2::new(value(1, 0) - value(-1, 0), value(0, 1) - value(0, -1));
+    let mixed = 0.25 * (value(1, 1) - value(1, -1) - value(-1, 1) + value(-1, -1));
+    let along = |plus: f64, minus: f64| plus - 2.0 * middle + minus;
+    let hessian = Matrix2::new(along(value(1, 0), value(-1, 0)), mixed, mixed, along(value(0, 1), value(0, -1)));
+    let top = hessian.try_inverse().map(|inverse| -(inverse * gradient));
+    top.filter(|top| top.amax() <= 1.0).unwrap_or_default()
 }
 
 const SIDE: usize = (2 * PATCH + 1) as usize;

@@ -63,23 +63,32 @@ fn describe(found: &Inspection) -> String {
     lines.join("\n")
 }
 
-/// The depth check: the loader's convention and the runners-up.
+/// The check of conventions: how the loader's fares beside the others, the best first.
 fn describe_check(found: &Inspection) -> Vec<String> {
-    let Some(check) = &found.depth_consistency else { return Vec::new() };
-    let mut lines = vec![format!(
-        "  depth of frame {} seen from frame {}: median off by {}, 90 % within {}, {:.1} % agree",
-        check.frame_a,
-        check.frame_b,
-        length(check.median_m),
-        length(check.p90_m),
-        100.0 * check.inlier_share
-    )];
-    let mut scores: Vec<_> = found.conventions.iter().collect();
-    scores.sort_by(|a, b| a.median_m.unwrap_or(f64::INFINITY).total_cmp(&b.median_m.unwrap_or(f64::INFINITY)));
-    lines.extend(scores.iter().map(|score| {
-        let value = score.median_m.map_or("no overlap".into(), length);
-        format!("    {value:>12}  {}", score.name)
+    let mut lines = Vec::new();
+    if let Some(check) = &found.depth_consistency {
+        lines.push(format!(
+            "  depth of frame {} seen from frame {}: median off by {}, 90 % within {}, {:.1} % agree",
+            check.frame_a,
+            check.frame_b,
+            length(check.median_m),
+            length(check.p90_m),
+            100.0 * check.inlier_share
+        ));
+    }
+    let mut scores: Vec<_> =
+        found.conventions.iter().map(|score| (score.median_m.unwrap_or(f64::INFINITY), &score.name)).collect();
+    scores.sort_by(|a, b| a.0.total_cmp(&b.0));
+    lines.extend(scores.into_iter().map(|(median_m, name)| {
+        let value = if median_m.is_finite() { length(median_m) } else { "no overlap".into() };
+        format!("    {value:>12}  {name}")
     }));
+    if !found.motion_check.is_empty() {
+        lines.push("  points followed from picture to picture and explained by the poses:".into());
+    }
+    let mut shares: Vec<_> = found.motion_check.iter().collect();
+    shares.sort_by(|a, b| b.explained.total_cmp(&a.explained));
+    lines.extend(shares.into_iter().map(|score| format!("    {:>10.1} %  {}", 100.0 * score.explained, score.name)));
     lines
 }
 

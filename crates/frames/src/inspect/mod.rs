@@ -169,6 +169,8 @@ fn what_cannot_be_proven(sequence: &Sequence, proven: bool) -> Option<String> {
     let missing = match (sequence.has_poses(), sequence.has_depth(), sequence.camera.is_some()) {
         _ if proven => return None,
         (false, _, true) => return None,
+        // Most loaders say it themselves, with the reason.
+        (_, _, false) if sequence.warnings.iter().any(|warning| warning.contains("--camera")) => return None,
         (_, _, false) => {
             "no calibration is known, so nothing can be projected; give one with --camera FILE or --hfov DEGREES"
         }
