@@ -1,0 +1,281 @@
+//! Pictures, depth and masks of one lens as another lens at the same place would have seen them.
+//!
+//! Both cameras share centre and axes, so a pixel moves along its ray only: depth along the optical axis keeps its
+//! value and poses stay as they are. Where each pixel comes from is computed once per pair of cameras.
+
+use crate::FramesError;
+use endoscape_core::{Camera, CameraError, DepthMap, Grid, Image, Mask, Size};
+use nalgebra::{Point2, Point3};
+use rayon::prelude::*;
+use thiserror::Error;
+
+/// Largest relative difference between neighbouring depths of one surface; beyond it lies an edge.
+///
+/// A plane tilted by 80 degrees changes by less over one pixel of a 640 pixel wide picture with 83 degrees
+/// (tan 80 degrees / f = 5.7 / 360 = 1.6 %).
+const SAME_SURFACE: f32 = 0.05;
+
+/// Steps per pixel in which positions are kept, as many as 8-bit weights resolve.
+const STEPS: u32 = 256;
+
+/// Why something cannot be rectified.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum RectifyError {
+    /// The raster does not belong to the camera.
+    #[error(
+        "the {what} is {got} but the camera to rectify from has {expected}; give the camera of these frames or resize first"
+    )]
+    Size {
+        /// `picture`, `depth map` or `mask`.
+        what: &'static str,
+        /// Size of the camera to rectify from.
+        expected: Size,
+        /// Size of the raster.
+        got: Size,
+    },
+    /// Not even the narrowest picture around the optical axis is covered.
+    #[error("the optical axis leaves the {0} picture of the camera; check its principal point")]
+    AxisOutside(Size),
+    /// No such pinhole.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+}
+
+impl From<RectifyError> for FramesError {
+    fn from(error: RectifyError) -> Self {
+        let sentence = error.to_string();
+        let (what, remedy) = sentence.split_once("; ").unwrap_or((&sentence, "check the camera file"));
+        Self::Request { what: what.to_owned(), remedy: remedy.to_owned() }
+    }
+}
+
+/// Where one pixel comes from: the top left of four neighbours and the weights of the other three.
+///
+/// Weights are 1/256 and all four add up to 256, so `3 * index` and eight bytes from there feed the whole pixel.
+#[derive(Clone, Copy, Default)]
+struct Tap {
+    index: u32,
+    right: u8,
+    below: u8,
+    diagonal: u8,
+    /// 1, or 0 where nothing is seen; then all weights are 0.
+    inside: u8,
+}
+
+impl Tap {
+    /// The tap for a position, `None` off the picture. The half pixel between the outer centres and the edge repeats
+    /// the edge.
+    fn at(position: &Point2<f64>, size: Size) -> Option<Self> {
+        let (x, fx) = Self::split(position.x, size.width)?;
+        let (y, fy) = Self::split(position.y, size.height)?;
+        let index = u32::try_from(y * size.width + x).ok()?;
+        // At most 255 x 255, so every weight fits into a byte and none is negative.
+        let diagonal = (fx * fy + STEPS / 2) / STEPS;
+        let byte = |weight: u32| u8::try_from(weight).ok();
+        Some(Self {
+            index,
+            right: byte(fx - diagonal)?,
+            below: byte(fy - diagonal)?,
+            diagonal: byte(diagonal)?,
+            inside: 1,
+        })
+    }
+
+    /// Whole pixel and 256ths on one axis.
+    fn split(position: f64, extent: usize) -> Option<(usize, u32)> {
+        let last = extent as f64 - 1.0;
+        let on_picture = position >= -0.5 && position <= last + 0.5;
+        on_picture.then(|| {
+            let steps = (position.clamp(0.0, last) * f64::from(STEPS)).round() as usize;
+            (steps / STEPS as usize, (steps % STEPS as usize) as u32)
+        })
+    }
+
+    /// Weights of the neighbours at (0, 0), (1, 0), (0, 1) and (1, 1); 0 where a neighbour takes no part.
+    fn weights(self) -> [u32; 4] {
+        let [right, below, diagonal] = [self.right, self.below, self.diagonal].map(u32::from);
+        [STEPS * u32::from(self.inside) - right - below - diagonal, right, below, diagonal]
+    }
+
+    /// Indices and weights of the neighbours that take part, in a raster `width` wide.
+    fn parts(self, width: usize) -> impl Iterator<Item = (usize, u32)> {
+        let corner = self.index as usize;
+        let indices = [corner, corner + 1, corner + width, corner + width + 1];
+        indices.into_iter().zip(self.weights()).filter(|(_, weight)| *weight > 0)
+    }
+}
+
+/// The way from the pictures of one camera to those of another, computed once.
+pub struct Rectifier {
+    from: Size,
+    to: Size,
+    taps: Vec<Tap>,
+    valid: Mask,
+}
+
+impl Rectifier {
+    /// Follows the ray of every pixel of `to` into the picture of `from`.
+    ///
+    /// Pixels of `to` without a ray, or whose ray misses the picture of `from`, are not valid.
+    pub fn new(from: &Camera, to: &Camera) -> Self {
+        let (size, from_size) = (to.size(), from.size());
+        let tap = |x: usize, y: usize| {
+            let ray = to.unproject(&Point2::new(x as f64, y as f64))?;
+            Tap::at(&from.project(&Point3::from(ray))?, from_size)
+        };
+        let mut taps = vec![Tap::default(); size.area()];
+        taps.par_chunks_mut(size.width).enumerate().for_each(|(y, row)| {
+            for (x, out) in row.iter_mut().enumerate() {
+                *out = tap(x, y).unwrap_or_default();
+            }
+        });
+        let valid = Grid::from_fn(size, |x, y| taps[y * size.width + x].inside == 1);
+        Self { from: from_size, to: size, taps, valid }
+    }
+
+    /// Pixels of the new picture that see something of the old one.
+    pub const fn valid(&self) -> &Mask {
+        &self.valid
+    }
+
+    /// The picture through the new lens, bilinear; black where nothing is seen.
+    ///
+    /// # Errors
+    /// [`RectifyError::Size`] unless the picture has the size of the camera rectified from.
+    pub fn image(&self, image: &Image) -> Result<Image, RectifyError> {
+        self.check("picture", image.size())?;
+        let mut rgb = vec![0; 3 * self.to.area()];
+        let (source, stride) = (image.rgb(), 3 * self.from.width);
+        let rows = rgb.par_chunks_mut(3 * self.to.width).zip(self.taps.par_chunks(self.to.width));
+        rows.for_each(|(out, taps)| remap_row(out, taps, source, stride));
+        // The memory was made for this size, so it cannot be refused.
+        Image::new(self.to, rgb).map_err(|_| self.mismatch("picture", image.size()))
+    }
+
+    /// The depth along the optical axis through the new lens, in metres.
+    ///
+    /// Bilinear where all neighbours that take part are known and within 5 % of each other; elsewhere the known
+    /// neighbour with the most weight, so no depth between two surfaces is made up.
+    ///
+    /// # Errors
+    /// [`RectifyError::Size`] unless the map has the size of the camera rectified from.
+    pub fn depth(&self, depth: &DepthMap) -> Result<DepthMap, RectifyError> {
+        self.check("depth map", depth.size())?;
+        let source = depth.grid().values();
+        let values = self.taps.par_iter().map(|tap| blend_depth(*tap, source, self.from.width)).collect();
+        let grid = Grid::new(self.to, values).map_err(|_| self.mismatch("depth map", depth.size()))?;
+        Ok(DepthMap::new(grid))
+    }
+
+    /// The mask through the new lens: usable where every pixel that takes part is usable.
+    ///
+    /// # Errors
+    /// [`RectifyError::Size`] unless the mask has the size of the camera rectified from.
+    pub fn mask(&self, mask: &Mask) -> Result<Mask, RectifyError> {
+        self.check("mask", mask.size())?;
+        let (source, width) = (mask.values(), self.from.width);
+        let usable = |tap: &Tap| tap.inside == 1 && tap.parts(width).all(|(index, _)| source[index]);
+        let values = self.taps.par_iter().map(usable).collect();
+        Grid::new(self.to, values).map_err(|_| self.mismatch("mask", mask.size()))
+    }
+
+    fn check(&self, what: &'static str, got: Size) -> Result<(), RectifyError> {
+        if got == self.from { Ok(()) } else { Err(self.mismatch(what, got)) }
+    }
+
+    fn mismatch(&self, what: &'static str, got: Size) -> RectifyError {
+        RectifyError::Size { what, expected: self.from, got }
+    }
+}
+
+/// Fills one row of RGB bytes from the RGB bytes of the whole source picture.
+fn remap_row(out: &mut [u8], taps: &[Tap], source: &[u8], stride: usize) {
+    for (out, tap) in out.chunks_exact_mut(3).zip(taps) {
+        let start = 3 * tap.index as usize;
+        let (top, bottom) = (eight_bytes(source, start), eight_bytes(source, start + stride));
+        let [w00, w10, w01, w11] = tap.weights().map(u64::from);
+        // Every colour has a lane of 16 bits; 255 x 256 + 128 still fits, so one product weighs a whole pixel.
+        let sum = lanes(top) * w00 + lanes(top >> 24) * w10 + lanes(bottom) * w01 + lanes(bottom >> 24) * w11;
+        let rounded = (sum + 0x0080_0080_0080) >> 8;
+        out[0] = rounded as u8;
+        out[1] = (rounded >> 32) as u8;
+        out[2] = (rounded >> 16) as u8;
+    }
+}
+
+/// The low three bytes (red, green, blue) in lanes of 16 bits, in the order red, blue, green.
+fn lanes(pixel: u64) -> u64 {
+    (pixel & 0x00ff_00ff) | ((pixel & 0xff00) << 24)
+}
+
+/// Eight bytes from `start`, little end first; zeros behind the last byte, where all weights are zero.
+fn eight_bytes(bytes: &[u8], start: usize) -> u64 {
+    match bytes.get(start..).and_then(|rest| rest.first_chunk()) {
+        Some(chunk) => u64::from_le_bytes(*chunk),
+        None => last_bytes(bytes, start),
+    }
+}
+
+#[cold]
+fn last_bytes(bytes: &[u8], start: usize) -> u64 {
+    let rest = bytes.get(start..).unwrap_or_default();
+    rest.iter().rev().fold(0, |value, byte| (value << 8) | u64::from(*byte))
+}
+
+/// One depth from up to four; unknown if none of them is known.
+fn blend_depth(tap: Tap, source: &[f32], width: usize) -> f32 {
+    let known = || tap.parts(width).map(|(index, weight)| (source[index], weight)).filter(|(depth, _)| *depth > 0.0);
+    let (mut near, mut far, mut sum, mut weights) = (f32::INFINITY, 0.0_f32, 0.0, 0);
+    for (depth, weight) in known() {
+        (near, far) = (near.min(depth), far.max(depth));
+        sum += depth * weight as f32;
+        weights += weight;
+    }
+    if weights == STEPS && far <= near * (1.0 + SAME_SURFACE) {
+        return sum / STEPS as f32;
+    }
+    known().max_by_key(|(_, weight)| *weight).map_or(DepthMap::UNKNOWN, |(depth, _)| depth)
+}
+
+/// A pinhole of `size` to rectify the pictures of `from` to.
+///
+/// Without a field of view (`hfov_rad`, left to right edge, radians) it takes the widest one that leaves no pixel
+/// empty: every pixel on the border of the new picture still sees into the picture and the domain of `from`.
+///
+/// # Errors
+/// [`RectifyError::Camera`] for a field of view or a size no pinhole has, [`RectifyError::AxisOutside`] if not even one
+/// degree around the optical axis is covered.
+pub fn pinhole_for(from: &Camera, size: Size, hfov_rad: Option<f64>) -> Result<Camera, RectifyError> {
+    if let Some(hfov_rad) = hfov_rad {
+        return Ok(Camera::from_field_of_view(size, hfov_rad)?);
+    }
+    let covered = |degrees: f64| -> Result<Option<Camera>, CameraError> {
+        let pinhole = Camera::from_field_of_view(size, degrees.to_radians())?;
+        Ok(border_is_seen(from, &pinhole).then_some(pinhole))
+    };
+    let (mut narrow, mut wide) = (1.0, 170.0);
+    let mut best = covered(narrow)?.ok_or(RectifyError::AxisOutside(from.size()))?;
+    // 30 halvings: finer than a micro-degree.
+    for _ in 0..30 {
+        let middle = 0.5 * (narrow + wide);
+        match covered(middle)? {
+            Some(pinhole) => (narrow, best) = (middle, pinhole),
+            None => wide = middle,
+        }
+    }
+    Ok(best)
+}
+
+/// Whether every pixel on the border of `pinhole` is seen by `from`.
+fn border_is_seen(from: &Camera, pinhole: &Camera) -> bool {
+    let Size { width, height } = pinhole.size();
+    let seen = |x: usize, y: usize| {
+        let pixel =
+            pinhole.unproject(&Point2::new(x as f64, y as f64)).and_then(|ray| from.project(&Point3::from(ray)));
+        pixel.is_some_and(|pixel| from.contains(&pixel))
+    };
+    (0..width).all(|x| seen(x, 0) && seen(x, height - 1)) && (0..height).all(|y| seen(0, y) && seen(width - 1, y))
+}
+
+#[cfg(test)]
+mod tests;
