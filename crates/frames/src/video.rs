@@ -1,1 +1,0 @@
-//! Video files and live inputs through an `ffmpeg` process.
