@@ -9,6 +9,7 @@ use endoscape_frames::Sequence;
 use endoscape_frames::preprocess::{field_of_view, resize, specular};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Bytes a pixel takes in memory: red, green, blue and usable.
 const BYTES_PER_PIXEL: usize = 4;
@@ -139,6 +140,41 @@ fn restrict_to_field_of_view(frames: &mut [ClipFrame]) {
     if let Some(field) = field_of_view::find(&images) {
         frames.iter_mut().for_each(|frame| intersect(&mut frame.usable, &field.mask));
     }
+}
+
+/// A sequence and the frames of it to use.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// The sequence.
+    pub sequence: Sequence,
+    /// Positions of the frames; the end may lie beyond the sequence's.
+    pub range: Range<usize>,
+}
+
+/// Loads all sources at one size.
+///
+/// # Errors
+/// [`TrainError::Data`] before anything is decoded if the frames need more than `memory_mib`, else as [`Clip::load`].
+pub fn load_clips(
+    sources: &[Source],
+    size: Size,
+    with_depth: bool,
+    memory_mib: usize,
+    events: &mut dyn EventSink,
+) -> Result<Vec<Arc<Clip>>, TrainError> {
+    let frames = |source: &Source| source.range.end.min(source.sequence.frames.len()).saturating_sub(source.range.start);
+    let total: usize = sources.iter().map(frames).sum();
+    let needed_mib = Clip::bytes(size, total) >> 20;
+    if needed_mib > memory_mib {
+        let reason = format!("{total} frames of {size} take {needed_mib} MiB, above the cap of {memory_mib} MiB");
+        let remedy = "use fewer frames or a smaller size, or raise memory_mib in the configuration";
+        return Err(TrainError::data("data", reason, remedy));
+    }
+    let load = |source: &Source| {
+        let options = ClipOptions { size, range: source.range.clone(), with_depth };
+        Clip::load(&source.sequence, &options, events).map(Arc::new)
+    };
+    sources.iter().map(load).collect()
 }
 
 fn intersect(mask: &mut Mask, other: &Mask) {

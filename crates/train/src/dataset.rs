@@ -184,11 +184,12 @@ fn stream(seed: u64, stream: u64) -> ChaCha8Rng {
 mod tests {
     use super::*;
     use crate::testing::sliding_clip;
+    use endoscape_core::event::NullSink;
     use std::collections::BTreeSet;
 
     fn dataset() -> SnippetDataset {
         let clips = [sliding_clip(30, 1.0), sliding_clip(20, 2.5)].map(Arc::new);
-        SnippetDataset::new(clips.into(), 3, &GapConfig::default(), &mut Vec::new()).unwrap()
+        SnippetDataset::new(clips.into(), 3, &GapConfig::default(), &mut NullSink).unwrap()
     }
 
     fn plan(seed: u64) -> DrawPlan {

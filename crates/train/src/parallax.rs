@@ -74,7 +74,7 @@ fn lattice(size: Size) -> impl Iterator<Item = (usize, usize)> {
 
 /// Length of the displacement of the patch around a pixel, in pixels; `None` without texture or without a good match.
 fn follow(a: &Thumbnail, b: &Thumbnail, x: usize, y: usize) -> Option<f32> {
-    if !a.usable.get(x, y)? {
+    if !*a.usable.get(x, y)? {
         return None;
     }
     let patch = Patch::at(&a.luma, x as isize, y as isize)?;

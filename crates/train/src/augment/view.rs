@@ -133,7 +133,7 @@ mod tests {
         let models: [CameraModel; 5] = [
             Pinhole { intrinsics }.into(),
             RadialTangential::from_opencv(intrinsics, &[-0.1, 0.02, 0.003, -0.004, 0.001]).into(),
-            KannalaBrandt { intrinsics, k: [0.02, -0.01, 0.003, 0.0] }.into(),
+            KannalaBrandt { intrinsics, k1: 0.02, k2: -0.01, k3: 0.003, k4: 0.0 }.into(),
             Unified { intrinsics, xi: 0.9, k1: -0.05, k2: 0.01 }.into(),
             Omnidirectional {
                 cx: 30.0,
@@ -160,7 +160,7 @@ mod tests {
         /// The law of the whole module: where the changed camera sees a point, the changed picture shows it.
         #[test]
         fn camera_and_picture_change_together(
-            x in -0.3..0.3, y in -0.2..0.2, scale in prop::array::uniform2(1.0..1.3), place in prop::array::uniform2(0.0..1.0),
+            x in -0.3..0.3_f64, y in -0.2..0.2_f64, scale in prop::array::uniform2(1.0..1.3), place in prop::array::uniform2(0.0..1.0),
             mirror in any::<bool>(),
         ) {
             let change = ViewChange::new(SIZE, scale, place, mirror);
