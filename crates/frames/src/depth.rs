@@ -112,7 +112,8 @@ fn map_from(path: &Path, size: Size, depth_m: impl Iterator<Item = f64>) -> Resu
 fn integers(path: &Path, size: Size, metres: impl Fn(u16) -> f64) -> Result<DepthMap, FramesError> {
     let decoded = picture::decode(path)?;
     check_size(path, Size::new(decoded.width() as usize, decoded.height() as usize), size)?;
-    let (channels, colours) = (usize::from(decoded.color().channel_count()), if decoded.color().has_color() { 3 } else { 1 });
+    let (channels, colours) =
+        (usize::from(decoded.color().channel_count()), if decoded.color().has_color() { 3 } else { 1 });
     let values: Vec<u16> = match decoded {
         DynamicImage::ImageLuma16(picture) => picture.into_raw(),
         DynamicImage::ImageLumaA16(picture) => picture.into_raw(),
@@ -138,7 +139,8 @@ fn points(path: &Path, size: Size, first_row: usize, rows: usize) -> Result<Dept
     let (width, height) = (points.width() as usize, points.height() as usize);
     check_size(path, Size::new(width, rows), size)?;
     if first_row.checked_add(rows).is_none_or(|end| end > height) {
-        let reason = format!("has {height} rows but rows {first_row} to {} were expected", first_row.saturating_add(rows));
+        let reason =
+            format!("has {height} rows but rows {first_row} to {} were expected", first_row.saturating_add(rows));
         return Err(wrong_kind(path, reason));
     }
     let part = &points.as_raw()[3 * width * first_row..3 * width * (first_row + rows)];
@@ -154,7 +156,7 @@ fn open_exr(path: &Path, size: Size, metres_per_unit: f64) -> Result<DepthMap, F
     check_size(path, Size::new(layer.layer_size.width(), layer.layer_size.height()), size)?;
     let image = exr::prelude::read_first_flat_layer_from_file(path).map_err(damaged)?;
     let channels = image.layer_data.channel_data.list;
-    let found = ["R", "Z", "Y"].iter().find_map(|name| channels.iter().find(|channel| channel.name.to_string() == **name));
+    let found = ["R", "Z", "Y"].iter().find_map(|name| channels.iter().find(|channel| channel.name.eq(name)));
     let samples = found.ok_or_else(|| wrong_kind(path, "has none of the channels R, Z and Y"))?;
     let values: Vec<f64> = match &samples.sample_data {
         FlatSamples::F16(values) => values.iter().map(|value| value.to_f64()).collect(),
@@ -174,7 +176,8 @@ fn scan(path: &Path, size: Size, camera: &Camera, camera_from_velodyne: &Pose) -
     }
     let mut depth = Grid::filled(size, DepthMap::UNKNOWN);
     for record in records {
-        let coordinate = |at: usize| f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]));
+        let coordinate =
+            |at: usize| f64::from(f32::from_le_bytes([record[at], record[at + 1], record[at + 2], record[at + 3]]));
         let point = camera_from_velodyne * Point3::new(coordinate(0), coordinate(4), coordinate(8));
         let Some(pixel) = camera.project(&point).filter(|pixel| camera.contains(pixel) && point.z > 0.0) else {
             continue;

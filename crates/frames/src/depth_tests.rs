@@ -98,7 +98,12 @@ fn exr_prefers_red_and_knows_z() {
         let channels = names.iter().enumerate().map(|(index, name)| {
             AnyChannel::new(*name, FlatSamples::F32((0..6).map(|i| (10 * index + i) as f32).collect()))
         });
-        let layer = Layer::new((3, 2), LayerAttributes::named("depth"), Encoding::FAST_LOSSLESS, AnyChannels::sort(channels.collect()));
+        let layer = Layer::new(
+            (3, 2),
+            LayerAttributes::named("depth"),
+            Encoding::FAST_LOSSLESS,
+            AnyChannels::sort(channels.collect()),
+        );
         Image::from_layer(layer).write().to_file(path).unwrap();
     };
     let depth = file(&folder, "depth.exr", DepthEncoding::Exr { metres_per_unit: 0.1 });
@@ -169,9 +174,15 @@ fn a_real_laser_scan_falls_on_the_same_pixels() {
         return;
     }
     let rotation = Matrix3::new(
-        0.000_234_773_530_296_994_44, -0.999_944_177_353_392, -0.010_563_477_573_105_431,
-        0.010_449_406_624_274_545, 0.010_565_354_242_127_74, -0.999_889_585_499_778_6,
-        0.999_945_375_899_398_8, 0.000_124_365_535_367_121_33, 0.010_451_303_776_255_558,
+        0.000_234_773_530_296_994_44,
+        -0.999_944_177_353_392,
+        -0.010_563_477_573_105_431,
+        0.010_449_406_624_274_545,
+        0.010_565_354_242_127_74,
+        -0.999_889_585_499_778_6,
+        0.999_945_375_899_398_8,
+        0.000_124_365_535_367_121_33,
+        0.010_451_303_776_255_558,
     );
     let translation = Vector3::new(-0.002_796_816_854_378_727, -0.075_108_794_403_375_06, -0.272_132_805_226_054_5);
     let camera_from_velodyne = endoscape_core::se3::from_matrix(&rotation, &translation).unwrap();

@@ -9,6 +9,8 @@
 //! |---|---|
 //! | [`formats`] | tells data sets apart by content and loads each into a [`Sequence`] |
 //! | [`sequence`] | [`Sequence`]: frames in time order with camera, poses, depth and masks where they exist |
+//! | [`camera_file`] | calibrations from the files of other tools |
+//! | [`malformed`] | what a parser says about content whose file it does not know |
 //! | [`reader`] | [`FrameSource`], the stream of decoded frames |
 //! | [`picture`] | still pictures of any bit depth to [`endoscape_core::Image`] |
 //! | [`depth`] | the depth encodings of all data sets to metres |
@@ -17,10 +19,12 @@
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
 //! | [`inspect`] | what a path holds and which convention its numbers follow |
 
+pub mod camera_file;
 pub mod depth;
 pub mod error;
 pub mod formats;
 pub mod inspect;
+pub mod malformed;
 pub mod natural;
 pub mod picture;
 pub mod preprocess;
@@ -31,5 +35,6 @@ pub mod video;
 
 pub use error::FramesError;
 pub use formats::Format;
+pub use malformed::Malformed;
 pub use reader::FrameSource;
 pub use sequence::{FrameEntry, ImageLocation, Sequence};

@@ -155,7 +155,8 @@ impl Writer {
     /// # Errors
     /// [`FramesError::Io`] if the disk refuses.
     pub fn write_file(&self, name: &str, contents: impl AsRef<[u8]>) -> Result<(), FramesError> {
-        std::fs::write(self.root.join(name), contents).map_err(|error| FramesError::io(&self.out.join(name), "write", error))
+        std::fs::write(self.root.join(name), contents)
+            .map_err(|error| FramesError::io(&self.out.join(name), "write", error))
     }
 
     /// Writes what holds for the whole sequence and gives the folder its name.
@@ -186,7 +187,8 @@ impl Writer {
             ("mask", frame.mask.map(Grid::size)),
             ("camera", self.header.camera.map(|camera| camera.size())),
         ];
-        if let Some((what, Some(other))) = sizes.into_iter().find(|(_, other)| other.is_some_and(|other| other != size)) {
+        if let Some((what, Some(other))) = sizes.into_iter().find(|(_, other)| other.is_some_and(|other| other != size))
+        {
             return refuse(format!("its {what} is {other} but the sequence is {size}"), "bring all to one size");
         }
         if !frame.time_s.is_finite() {
@@ -238,15 +240,17 @@ impl Writer {
         let unit = f64::from(self.largest_depth_m).max(f64::MIN_POSITIVE * LARGEST_UNIT) / LARGEST_UNIT;
         for file in files {
             let path = self.root.join(file);
-            unspool(&path, size).and_then(|depth| write_units(&path, &depth, unit)).map_err(|error| self.in_place(error))?;
+            unspool(&path, size)
+                .and_then(|depth| write_units(&path, &depth, unit))
+                .map_err(|error| self.in_place(error))?;
         }
         Ok(Some(unit))
     }
 
     fn write_tables(&self, depth_metres_per_unit: Option<f64>) -> Result<(), FramesError> {
         let mut table = csv::Writer::from_writer(Vec::new());
-        let table = self.rows.iter().try_for_each(|row| table.serialize(row)).map(|()| table.into_inner());
-        let Ok(Ok(table)) = table else {
+        let written = self.rows.iter().try_for_each(|row| table.serialize(row));
+        let (Ok(()), Ok(table)) = (written, table.into_inner()) else {
             return Err(FramesError::file(&self.out, "cannot hold its list of frames", "choose fewer frames"));
         };
         self.write_file("frames.csv", table)?;

@@ -2,7 +2,7 @@
 
 mod text;
 
-pub use text::{TextError, parse_euroc, parse_kitti, parse_tum, to_kitti, to_tum};
+pub use text::{TextError, numbers, parse_euroc, parse_kitti, parse_tum, records, to_kitti, to_tum};
 
 use crate::Pose;
 use nalgebra::Translation3;
@@ -121,7 +121,9 @@ impl Trajectory {
 
     /// Length of the polygon through all camera positions, in metres.
     pub fn path_length_m(&self) -> f64 {
-        self.poses.windows(2).map(|pair| distance_m(&pair[0].world_from_camera, &pair[1].world_from_camera)).sum()
+        let step_m = |pair: &[TimedPose]| distance_m(&pair[0].world_from_camera, &pair[1].world_from_camera);
+        // Not `sum`, whose empty sum is -0.0 and would be written so.
+        self.poses.windows(2).map(step_m).fold(0.0, |length_m, step_m| length_m + step_m)
     }
 
     /// Path length in metres from the first pose to each pose, the first being 0.
@@ -213,7 +215,7 @@ mod tests {
     fn path_length_is_the_last_distance() {
         let trajectory = screw(20);
         assert!((trajectory.path_length_m() - trajectory.distances_m()[19]).abs() < 1e-12);
-        assert_eq!(Trajectory::default().path_length_m(), 0.0);
+        assert_eq!(Trajectory::default().path_length_m().to_string(), "0");
     }
 
     #[test]

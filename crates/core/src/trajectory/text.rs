@@ -89,7 +89,7 @@ pub fn to_kitti(poses: &[Pose]) -> String {
 }
 
 /// Lines that hold something, numbered from 1; comments and blank lines are passed over.
-fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
@@ -99,8 +99,11 @@ fn timed(line: usize, time_s: f64, pose: Result<Pose, se3::PoseError>) -> Result
     Ok(TimedPose { time_s, world_from_camera })
 }
 
-/// Exactly `N` finite numbers, or a sentence on what came instead.
-fn numbers<'a, const N: usize>(
+/// Exactly `N` finite numbers from the fields of a line, `expected` naming them in messages.
+///
+/// # Errors
+/// [`TextError`] with the number of fields found, or the first field that is no finite number.
+pub fn numbers<'a, const N: usize>(
     line: usize,
     fields: impl Iterator<Item = &'a str>,
     expected: &str,

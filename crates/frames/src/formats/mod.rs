@@ -3,24 +3,32 @@
 //! Each format has one file with one function `probe(path) -> Option<Result<Sequence, FramesError>>`: `None` is "not
 //! mine", `Some(Err(..))` is "mine, and here is the first error with its file and line".
 
-mod bronchoscope;
-mod c3vd;
-mod c3vd_v2;
+pub mod bronchoscope;
+pub mod c3vd;
+pub mod c3vd_v2;
+pub mod colmap;
 pub(crate) mod common;
-mod endomapper;
-mod endomapper_sim;
-mod endoslam;
-mod endoslam_unity;
-mod euroc;
-mod hamlyn;
-mod images;
-mod kitti_odometry;
-mod kitti_raw;
-mod scared;
-mod sequence_folder;
-mod simcol3d;
-mod tum;
+pub mod endomapper;
+pub mod endomapper_sim;
+pub mod endoslam;
+pub mod endoslam_unity;
+pub mod euroc;
+pub mod euroc_sensor;
+#[cfg(test)]
+pub(crate) mod fixtures;
+pub mod hamlyn;
+pub mod images;
+pub mod kitti;
+pub mod kitti_odometry;
+pub mod kitti_oxts;
+pub mod kitti_raw;
+pub mod scared;
+pub mod sequence_folder;
+pub mod simcol3d;
+pub mod tum;
+pub mod unity;
 mod video;
+mod video_frames;
 
 use crate::{FramesError, Sequence};
 use std::fmt;

@@ -9,7 +9,8 @@ use std::path::Path;
 pub use crate::video::is_live_address;
 
 /// Endings that say a file is meant to be a video, also when it is too damaged to tell.
-const EXTENSIONS: &[&str] = &["mp4", "m4v", "mov", "avi", "mkv", "webm", "mpg", "mpeg", "ts", "mts", "wmv", "flv", "ogv"];
+const EXTENSIONS: &[&str] =
+    &["mp4", "m4v", "mov", "avi", "mkv", "webm", "mpg", "mpeg", "ts", "mts", "wmv", "flv", "ogv"];
 
 /// Takes files with a video stream and live addresses.
 pub fn probe(path: &Path) -> Probe {

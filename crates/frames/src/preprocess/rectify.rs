@@ -16,7 +16,10 @@ use thiserror::Error;
 const SAME_SURFACE: f32 = 0.05;
 
 /// Steps per pixel in which positions are kept, as many as 8-bit weights resolve.
-const STEPS: u32 = 256;
+const STEPS: u16 = 256;
+
+/// Pixels computed together: few enough to stay in the first cache, enough to fill wide registers.
+const BLOCK: usize = 16;
 
 /// Why something cannot be rectified.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -49,52 +52,51 @@ impl From<RectifyError> for FramesError {
     }
 }
 
-/// Where one pixel comes from: the top left of four neighbours and the weights of the other three.
-///
-/// Weights are 1/256 and all four add up to 256, so `3 * index` and eight bytes from there feed the whole pixel.
-#[derive(Clone, Copy, Default)]
+/// Where one pixel comes from: the top left of four neighbours and how far the position lies to its right and below it.
+#[derive(Clone, Copy)]
 struct Tap {
     index: u32,
-    right: u8,
-    below: u8,
-    diagonal: u8,
-    /// 1, or 0 where nothing is seen; then all weights are 0.
-    inside: u8,
+    /// 256ths of a pixel, below 256.
+    right: u16,
+    /// 256ths of a pixel, below 256.
+    below: u16,
 }
 
 impl Tap {
+    /// Nothing is seen. The index lies behind the end of every picture, where all bytes read as 0.
+    const NOWHERE: Self = Self { index: u32::MAX, right: 0, below: 0 };
+
     /// The tap for a position, `None` off the picture. The half pixel between the outer centres and the edge repeats
     /// the edge.
     fn at(position: &Point2<f64>, size: Size) -> Option<Self> {
-        let (x, fx) = Self::split(position.x, size.width)?;
-        let (y, fy) = Self::split(position.y, size.height)?;
+        let (x, right) = Self::split(position.x, size.width)?;
+        let (y, below) = Self::split(position.y, size.height)?;
         let index = u32::try_from(y * size.width + x).ok()?;
-        // At most 255 x 255, so every weight fits into a byte and none is negative.
-        let diagonal = (fx * fy + STEPS / 2) / STEPS;
-        let byte = |weight: u32| u8::try_from(weight).ok();
-        Some(Self {
-            index,
-            right: byte(fx - diagonal)?,
-            below: byte(fy - diagonal)?,
-            diagonal: byte(diagonal)?,
-            inside: 1,
-        })
+        Some(Self { index, right, below })
     }
 
     /// Whole pixel and 256ths on one axis.
-    fn split(position: f64, extent: usize) -> Option<(usize, u32)> {
+    fn split(position: f64, extent: usize) -> Option<(usize, u16)> {
         let last = extent as f64 - 1.0;
         let on_picture = position >= -0.5 && position <= last + 0.5;
         on_picture.then(|| {
             let steps = (position.clamp(0.0, last) * f64::from(STEPS)).round() as usize;
-            (steps / STEPS as usize, (steps % STEPS as usize) as u32)
+            (steps / usize::from(STEPS), (steps % usize::from(STEPS)) as u16)
         })
     }
 
-    /// Weights of the neighbours at (0, 0), (1, 0), (0, 1) and (1, 1); 0 where a neighbour takes no part.
+    const fn inside(self) -> bool {
+        self.index != Self::NOWHERE.index
+    }
+
+    /// Weights of the neighbours at (0, 0), (1, 0), (0, 1) and (1, 1), in all 256 x 256 (0 where nothing is seen).
     fn weights(self) -> [u32; 4] {
-        let [right, below, diagonal] = [self.right, self.below, self.diagonal].map(u32::from);
-        [STEPS * u32::from(self.inside) - right - below - diagonal, right, below, diagonal]
+        if !self.inside() {
+            return [0; 4];
+        }
+        let [left, right] = [STEPS - self.right, self.right].map(u32::from);
+        let [above, below] = [STEPS - self.below, self.below].map(u32::from);
+        [left * above, right * above, left * below, right * below]
     }
 
     /// Indices and weights of the neighbours that take part, in a raster `width` wide.
@@ -123,13 +125,13 @@ impl Rectifier {
             let ray = to.unproject(&Point2::new(x as f64, y as f64))?;
             Tap::at(&from.project(&Point3::from(ray))?, from_size)
         };
-        let mut taps = vec![Tap::default(); size.area()];
+        let mut taps = vec![Tap::NOWHERE; size.area()];
         taps.par_chunks_mut(size.width).enumerate().for_each(|(y, row)| {
             for (x, out) in row.iter_mut().enumerate() {
-                *out = tap(x, y).unwrap_or_default();
+                *out = tap(x, y).unwrap_or(Tap::NOWHERE);
             }
         });
-        let valid = Grid::from_fn(size, |x, y| taps[y * size.width + x].inside == 1);
+        let valid = Grid::from_fn(size, |x, y| taps[y * size.width + x].inside());
         Self { from: from_size, to: size, taps, valid }
     }
 
@@ -174,7 +176,7 @@ impl Rectifier {
     pub fn mask(&self, mask: &Mask) -> Result<Mask, RectifyError> {
         self.check("mask", mask.size())?;
         let (source, width) = (mask.values(), self.from.width);
-        let usable = |tap: &Tap| tap.inside == 1 && tap.parts(width).all(|(index, _)| source[index]);
+        let usable = |tap: &Tap| tap.inside() && tap.parts(width).all(|(index, _)| source[index]);
         let values = self.taps.par_iter().map(usable).collect();
         Grid::new(self.to, values).map_err(|_| self.mismatch("mask", mask.size()))
     }
@@ -189,50 +191,67 @@ impl Rectifier {
 }
 
 /// Fills one row of RGB bytes from the RGB bytes of the whole source picture.
+///
+/// Per block it first gathers the neighbours, eight bytes from each of two rows, then blends all of them with plain
+/// loops over bytes, which compilers turn into vector instructions. Blending rounds twice, below the columns and along
+/// the row, which costs at most one grey level.
 fn remap_row(out: &mut [u8], taps: &[Tap], source: &[u8], stride: usize) {
-    for (out, tap) in out.chunks_exact_mut(3).zip(taps) {
-        let start = 3 * tap.index as usize;
-        let (top, bottom) = (eight_bytes(source, start), eight_bytes(source, start + stride));
-        let [w00, w10, w01, w11] = tap.weights().map(u64::from);
-        // Every colour has a lane of 16 bits; 255 x 256 + 128 still fits, so one product weighs a whole pixel.
-        let sum = lanes(top) * w00 + lanes(top >> 24) * w10 + lanes(bottom) * w01 + lanes(bottom >> 24) * w11;
-        let rounded = (sum + 0x0080_0080_0080) >> 8;
-        out[0] = rounded as u8;
-        out[1] = (rounded >> 32) as u8;
-        out[2] = (rounded >> 16) as u8;
+    let (mut top, mut bottom) = ([0; 8 * BLOCK], [0; 8 * BLOCK]);
+    let (mut right, mut below) = ([0; 8 * BLOCK], [0; 8 * BLOCK]);
+    // Three more values than pixels need: the last pixel has a right neighbour to be blended with, of no consequence.
+    let (mut columns, mut blended) = ([0; 8 * BLOCK + 3], [0; 8 * BLOCK]);
+    for (out, taps) in out.chunks_mut(3 * BLOCK).zip(taps.chunks(BLOCK)) {
+        for (i, tap) in taps.iter().enumerate() {
+            let start = 3 * tap.index as usize;
+            top[8 * i..8 * i + 8].copy_from_slice(&eight_bytes(source, start));
+            bottom[8 * i..8 * i + 8].copy_from_slice(&eight_bytes(source, start + stride));
+            right[8 * i..8 * i + 8].fill(tap.right);
+            below[8 * i..8 * i + 8].fill(tap.below);
+        }
+        for i in 0..8 * BLOCK {
+            columns[i] = blend(top[i].into(), bottom[i].into(), below[i]);
+        }
+        for i in 0..8 * BLOCK {
+            blended[i] = blend(columns[i], columns[i + 3], right[i]) as u8;
+        }
+        for (out, pixel) in out.chunks_exact_mut(3).zip(blended.chunks_exact(8)) {
+            out.copy_from_slice(&pixel[..3]);
+        }
     }
 }
 
-/// The low three bytes (red, green, blue) in lanes of 16 bits, in the order red, blue, green.
-fn lanes(pixel: u64) -> u64 {
-    (pixel & 0x00ff_00ff) | ((pixel & 0xff00) << 24)
+/// Between `near` (at 0) and `far` (at 256), rounded; both up to 255, so nothing exceeds 16 bits.
+const fn blend(near: u16, far: u16, at: u16) -> u16 {
+    (near * (STEPS - at) + far * at + STEPS / 2) / STEPS
 }
 
-/// Eight bytes from `start`, little end first; zeros behind the last byte, where all weights are zero.
-fn eight_bytes(bytes: &[u8], start: usize) -> u64 {
-    match bytes.get(start..).and_then(|rest| rest.first_chunk()) {
-        Some(chunk) => u64::from_le_bytes(*chunk),
+/// Eight bytes from `start`; zeros behind the last byte, where all weights are zero.
+fn eight_bytes(bytes: &[u8], start: usize) -> [u8; 8] {
+    match bytes.get(start..start + 8).and_then(|chunk| chunk.try_into().ok()) {
+        Some(chunk) => chunk,
         None => last_bytes(bytes, start),
     }
 }
 
 #[cold]
-fn last_bytes(bytes: &[u8], start: usize) -> u64 {
-    let rest = bytes.get(start..).unwrap_or_default();
-    rest.iter().rev().fold(0, |value, byte| (value << 8) | u64::from(*byte))
+fn last_bytes(bytes: &[u8], start: usize) -> [u8; 8] {
+    let mut rest = [0; 8];
+    rest.iter_mut().zip(bytes.get(start..).unwrap_or_default()).for_each(|(to, from)| *to = *from);
+    rest
 }
 
 /// One depth from up to four; unknown if none of them is known.
 fn blend_depth(tap: Tap, source: &[f32], width: usize) -> f32 {
     let known = || tap.parts(width).map(|(index, weight)| (source[index], weight)).filter(|(depth, _)| *depth > 0.0);
+    let whole = u32::from(STEPS).pow(2);
     let (mut near, mut far, mut sum, mut weights) = (f32::INFINITY, 0.0_f32, 0.0, 0);
     for (depth, weight) in known() {
         (near, far) = (near.min(depth), far.max(depth));
         sum += depth * weight as f32;
         weights += weight;
     }
-    if weights == STEPS && far <= near * (1.0 + SAME_SURFACE) {
-        return sum / STEPS as f32;
+    if weights == whole && far <= near * (1.0 + SAME_SURFACE) {
+        return sum / whole as f32;
     }
     known().max_by_key(|(_, weight)| *weight).map_or(DepthMap::UNKNOWN, |(depth, _)| depth)
 }

@@ -14,8 +14,8 @@ use std::ops::Range;
 /// The picture at another size: bilinear when it grows, the mean under a tent as wide as two new pixels when it
 /// shrinks.
 ///
-/// The tent, not the plain box, because a box that covers pixels partly moves edges by up to a tenth of a new pixel
-/// (see the test), which a pose estimate would take for motion.
+/// The tent, not the plain box, because a box over a ratio that is no whole number takes neighbours in or leaves them
+/// out as a whole, and the edges it so displaces a pose estimate would take for motion.
 ///
 /// # Errors
 /// [`FramesError::Request`] if either size has no pixels.

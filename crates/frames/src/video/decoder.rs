@@ -68,6 +68,12 @@ impl Process {
         child.kill().ok();
         child.wait().ok();
     }
+
+    /// Whether the process is gone and its exit status taken.
+    #[cfg(test)]
+    pub fn has_ended(&self) -> bool {
+        self.0.lock().unwrap().try_wait().unwrap().is_some()
+    }
 }
 
 /// A running `ffmpeg` and what it delivers.
@@ -100,7 +106,7 @@ impl Decoder {
         // Time stamps stay those of the container (`copyts`), and no frame is repeated or dropped to keep a rate.
         ffmpeg.arg("-copyts").args(input_arguments(path)).args(["-map", "0:V:0", "-vf", &filters(selection)]);
         ffmpeg.args(["-vsync", "passthrough"]).args(output);
-        let mut child = ffmpeg.spawn().map_err(|error| not_started(path, "ffmpeg", error))?;
+        let mut child = ffmpeg.spawn().map_err(|error| not_started(path, "ffmpeg", &error))?;
         let pipes = child.stdout.take().zip(child.stderr.take());
         let process = Process(Arc::new(Mutex::new(child)));
         let Some((pixels, log)) = pipes else {

@@ -117,10 +117,14 @@ impl Programs {
     /// As [`super::probe`].
     pub fn probe(&self, path: &Path) -> Result<VideoInfo, FramesError> {
         let mut ffprobe = self.ffprobe(path, &["-show_streams", "-show_format", "-of", "json"]);
-        let output = ffprobe.output().map_err(|error| not_started(path, "ffprobe", error))?;
+        let output = ffprobe.output().map_err(|error| not_started(path, "ffprobe", &error))?;
         let log = String::from_utf8_lossy(&output.stderr);
         if !output.status.success() {
-            return Err(FramesError::file(path, format!("is no readable video ({})", first_line(&log)), REMEDY));
+            return Err(FramesError::file(
+                path,
+                format!("is no readable video ({})", first_line(&log)),
+                "fetch or record it again",
+            ));
         }
         let answer: Answer = serde_json::from_slice(&output.stdout)
             .map_err(|error| FramesError::file(path, format!("ffprobe gave no answer ({error})"), REMEDY))?;
@@ -136,7 +140,7 @@ impl Programs {
     pub fn index(&self, path: &Path) -> Result<VideoIndex, FramesError> {
         let info = self.probe(path)?;
         let mut ffprobe = self.ffprobe(path, &["-show_entries", "packet=pts,flags", "-of", "csv=p=0"]);
-        let mut child = ffprobe.spawn().map_err(|error| not_started(path, "ffprobe", error))?;
+        let mut child = ffprobe.spawn().map_err(|error| not_started(path, "ffprobe", &error))?;
         // Emptied beside the packets, so that neither pipe fills up while the other one is read.
         let log = child.stderr.take().map(|mut pipe| {
             std::thread::spawn(move || {
@@ -170,7 +174,8 @@ impl Programs {
 }
 
 fn describe(path: &Path, stream: &Stream, format: Container) -> Result<VideoInfo, FramesError> {
-    let sideways = stream.side_data_list.iter().filter_map(|data| data.rotation).any(|angle| angle.abs() % 180.0 == 90.0);
+    let sideways =
+        stream.side_data_list.iter().filter_map(|data| data.rotation).any(|angle| angle.abs() % 180.0 == 90.0);
     let size = if sideways { Size::new(stream.height, stream.width) } else { Size::new(stream.width, stream.height) };
     if size.area() == 0 || size.width.max(size.height) > LARGEST_EXTENT {
         return Err(FramesError::file(path, format!("says its pictures are {size}"), REMEDY));

@@ -1,7 +1,7 @@
 //! Network streams and devices: the newest picture, never an old one.
 
-use super::decoder::{Decoder, Process, Selection};
 use super::Programs;
+use super::decoder::{Decoder, Process, Selection};
 use crate::{FrameSource, FramesError};
 use endoscape_core::{Frame, Rect};
 use std::collections::VecDeque;
@@ -123,7 +123,8 @@ impl FrameSource for LiveReader {
 
     fn warnings(&self) -> Vec<String> {
         let Queue { seen, dropped, .. } = *self.shared.lock();
-        let sentence = format!("{}: {dropped} of {seen} frames were dropped to keep up with the source", self.path.display());
+        let sentence =
+            format!("{}: {dropped} of {seen} frames were dropped to keep up with the source", self.path.display());
         if dropped > 0 { vec![sentence] } else { Vec::new() }
     }
 }

@@ -86,7 +86,7 @@ fn command(program: &OsString) -> Command {
 }
 
 /// Why a program did not start.
-fn not_started(path: &Path, program: &'static str, error: std::io::Error) -> FramesError {
+fn not_started(path: &Path, program: &'static str, error: &std::io::Error) -> FramesError {
     if error.kind() == std::io::ErrorKind::NotFound {
         let action = format!("read the video {}", path.display());
         return FramesError::Program { action, program, package: "ffmpeg" };
