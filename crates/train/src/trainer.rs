@@ -118,7 +118,10 @@ pub fn train(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Res
     // The architecture of a checkpoint stays its own.
     let config = TrainConfig { nets: checkpoint.config.clone(), ..job.config.clone() };
     run.describe(&config, &manifest_of(job))?;
-    Session::new(job, config, run, TrainState::fresh(checkpoint)?)?.train(events)
+    let mut session = Session::new(job, config, run, TrainState::fresh(checkpoint)?)?;
+    // From here on the run can be resumed, whatever happens.
+    session.save_latest()?;
+    session.train(events)
 }
 
 /// Goes on with a run where its last checkpoint left it. On the CPU the result is the same to the last bit as that of a
