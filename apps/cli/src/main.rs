@@ -1,3 +1,58 @@
-//! The `endoscape` command.
+//! The `endoscape` command: parses, dispatches, and turns errors into one sentence and an exit code.
+//!
+//! Exit codes: 0 done, 1 the work failed, 2 the call itself was wrong.
 
-fn main() {}
+// Types of the GPU backends nest deeper than the compiler's default.
+#![recursion_limit = "256"]
+
+mod commands;
+mod device;
+mod input;
+mod progress;
+
+use clap::{Parser, Subcommand};
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// Motion and depth from the plain video of an endoscope or capsule robot.
+#[derive(Parser)]
+#[command(name = "endoscape", version, propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Inspect(commands::inspect::Args),
+    Convert(commands::convert::Args),
+    Devices(commands::devices::Args),
+    Eval(commands::eval::Args),
+    Train(commands::train::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        Command::Inspect(args) => commands::inspect::run(args),
+        Command::Convert(args) => commands::convert::run(args),
+        Command::Devices(args) => commands::devices::run(args),
+        Command::Eval(args) => commands::eval::run(args),
+        Command::Train(args) => commands::train::run(args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nothing can be done about a standard error that is closed.
+            writeln!(std::io::stderr(), "error: {error:#}").ok();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A reader that has seen enough, such as `head`, is no failure.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let io = error.downcast_ref::<std::io::Error>();
+    io.is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}

@@ -22,6 +22,13 @@ pub struct DepthFile {
     pub encoding: DepthEncoding,
 }
 
+impl DepthEncoding {
+    /// Whether the depths are right up to an unknown factor only.
+    pub const fn is_scale_free(&self) -> bool {
+        matches!(self, Self::InverseLike { .. })
+    }
+}
+
 /// How stored numbers become metres.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DepthEncoding {

@@ -17,9 +17,12 @@
 //! | [`video`] | video files and live inputs through an `ffmpeg` process |
 //! | [`sequence_folder`] | our own folder, written in one piece |
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
+//! | [`convert`] | any sequence to a sequence folder |
+//! | [`tracks`] | points followed from picture to picture |
 //! | [`inspect`] | what a path holds and which convention its numbers follow |
 
 pub mod camera_file;
+pub mod convert;
 pub mod depth;
 pub mod error;
 pub mod formats;
@@ -31,6 +34,7 @@ pub mod preprocess;
 pub mod reader;
 pub mod sequence;
 pub mod sequence_folder;
+pub mod tracks;
 pub mod video;
 
 pub use error::FramesError;

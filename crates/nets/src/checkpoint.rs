@@ -12,9 +12,9 @@ use crate::config::NetsConfig;
 use crate::disp_net::DispNet;
 use crate::error::NetsError;
 use crate::files;
-use crate::import::{CONFIG_KEY, Network, restore_disp, restore_pose, take_network};
+use crate::import::{CONFIG_KEY, Network, refuse_leftovers, take_network};
 use crate::pose_mask_net::PoseMaskNet;
-use crate::weights::{NamedArrays, collect, naming, read_safetensors, write_safetensors};
+use crate::weights::{ImportReport, NamedArrays, apply, collect, naming, read_safetensors, write_safetensors};
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
@@ -160,15 +160,49 @@ impl Checkpoint {
         let config = config.map_err(|error| NetsError::mismatch(&config_path, error.to_string(), REMEDY))?;
         let weights = folder.join(WEIGHTS);
         let (mut arrays, _) = read_safetensors(&weights)?;
-        let (mut disp, mut pose) = (None, None);
-        for network in &manifest.networks {
-            let part = take_network(&mut arrays, *network);
-            match network {
-                Network::Disp => disp = Some(restore_disp(&weights, &config.disp, part, REMEDY, device)?.0),
-                Network::Pose => pose = Some(restore_pose(&weights, &config.pose, part, REMEDY, device)?.0),
+        let mut checkpoint = Self::empty(config, manifest);
+        for network in checkpoint.manifest.networks.clone() {
+            let part = take_network(&mut arrays, network);
+            checkpoint.restore(network, &weights, part, REMEDY, device)?;
+        }
+        refuse_leftovers(&weights, &arrays, REMEDY)?;
+        Ok(checkpoint)
+    }
+
+    /// A checkpoint without networks yet.
+    pub(crate) fn empty(config: NetsConfig, manifest: Manifest) -> Self {
+        Self { config, disp: None, pose: None, manifest }
+    }
+
+    /// Builds one network as configured and fills it with the arrays of the file at `path`.
+    ///
+    /// # Errors
+    /// [`NetsError`] unless configuration and arrays are possible and agree tensor for tensor.
+    pub(crate) fn restore(
+        &mut self,
+        network: Network,
+        path: &Path,
+        arrays: NamedArrays,
+        remedy: &'static str,
+        device: &Device,
+    ) -> Result<ImportReport, NetsError> {
+        let impossible = |error: NetsError| NetsError::mismatch(path, error.to_string(), remedy);
+        let mismatch = |reason| NetsError::mismatch(path, reason, remedy);
+        check_finite(path, &arrays)?;
+        match network {
+            Network::Disp => {
+                self.config.disp.validate().map_err(impossible)?;
+                check_size(self.config.disp.parameter_count(), &arrays).map_err(mismatch)?;
+                let net = self.disp.insert(self.config.disp.init(device)?);
+                apply(net, arrays, naming::disp_net).map_err(mismatch)
+            }
+            Network::Pose => {
+                self.config.pose.validate().map_err(impossible)?;
+                check_size(self.config.pose.parameter_count(), &arrays).map_err(mismatch)?;
+                let net = self.pose.insert(self.config.pose.init(device)?);
+                apply(net, arrays, naming::pose_mask_net).map_err(mismatch)
             }
         }
-        Ok(Self { config, disp, pose, manifest })
     }
 
     /// Writes the weights as one safetensors file, with the configuration in its metadata; [`Self::import`] reads it.
@@ -203,6 +237,22 @@ impl Checkpoint {
         manifest.validation.retain(|_, figure| figure.is_finite());
         serde_json::to_string_pretty(&manifest)
             .map_err(|error| NetsError::io(path, "write", std::io::Error::other(error)))
+    }
+}
+
+/// Refuses a configuration far larger than the file before memory is spent on it; exact checks come with the names.
+fn check_size(wanted: usize, arrays: &NamedArrays) -> Result<(), String> {
+    let held: usize = arrays.values().map(|array| array.values.len()).sum();
+    if wanted > 2 * held + 1024 {
+        return Err(format!("holds {held} numbers where the configured network has {wanted}"));
+    }
+    Ok(())
+}
+
+fn check_finite(path: &Path, arrays: &NamedArrays) -> Result<(), NetsError> {
+    match arrays.iter().find(|(_, array)| array.values.iter().any(|value| !value.is_finite())) {
+        Some((name, _)) => Err(NetsError::corrupt(path, format!("tensor {name} holds a number that is not finite"))),
+        None => Ok(()),
     }
 }
 

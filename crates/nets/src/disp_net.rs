@@ -18,7 +18,7 @@ pub const SCALES: usize = 4;
 const ENCODER_KERNELS: [usize; 7] = [7, 5, 3, 3, 3, 3, 3];
 const KERNEL: usize = 3;
 /// The first decoder stage whose output is turned into a prediction.
-const FIRST_HEAD: usize = 7 - SCALES;
+pub(crate) const FIRST_HEAD: usize = 7 - SCALES;
 
 /// Configuration of [`DispNet`]; the default is the PyTorch port of SfMLearner.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

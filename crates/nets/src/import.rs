@@ -6,11 +6,10 @@
 
 use crate::checkpoint::{Checkpoint, Manifest};
 use crate::config::NetsConfig;
-use crate::disp_net::{DispNet, DispNetConfig};
+use crate::disp_net::DispNetConfig;
 use crate::error::NetsError;
-use crate::pose_mask_net::{MaskHead, PoseMaskNet, PoseMaskNetConfig};
-use crate::weights::{ImportReport, NamedArrays, apply, naming, read_pytorch, read_safetensors};
-use burn::module::Module;
+use crate::pose_mask_net::{MaskHead, PoseMaskNetConfig};
+use crate::weights::{ImportReport, NamedArrays, read_pytorch, read_safetensors};
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -24,13 +23,15 @@ pub(crate) const CONFIG_KEY: &str = "config";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Network {
-    /// [`DispNet`].
+    /// [`DispNet`](crate::DispNet).
     Disp,
-    /// [`PoseMaskNet`].
+    /// [`PoseMaskNet`](crate::PoseMaskNet).
     Pose,
 }
 
 impl Network {
+    const ALL: [Self; 2] = [Self::Disp, Self::Pose];
+
     /// What its tensors' names begin with in a file that holds both networks.
     pub(crate) fn prefix(self) -> &'static str {
         match self {
@@ -59,27 +60,21 @@ impl Checkpoint {
     /// [`NetsError`] when the file is missing or damaged, is no such network, or does not match tensor for tensor.
     pub fn import(path: &Path, only: Option<Network>, device: &Device) -> Result<(Self, ImportReport), NetsError> {
         let (mut arrays, declared) = read_weights(path)?;
-        let mut checkpoint =
-            Self { config: NetsConfig::default(), disp: None, pose: None, manifest: Manifest::default() };
+        let mut checkpoint = Self::empty(declared.clone().unwrap_or_default(), Manifest::default());
         let mut report = ImportReport::default();
         for network in networks(path, &arrays, only)? {
             let part = take_network(&mut arrays, network);
-            let taken = match network {
-                Network::Disp => {
-                    let config = declared.as_ref().map_or_else(|| disp_config(path, &part), |d| Ok(d.disp.clone()))?;
-                    let (net, taken) = restore_disp(path, &config, part, REMEDY, device)?;
-                    (checkpoint.config.disp, checkpoint.disp) = (config, Some(net));
-                    taken
-                }
-                Network::Pose => {
-                    let config = declared.as_ref().map_or_else(|| pose_config(path, &part), |d| Ok(d.pose.clone()))?;
-                    let (net, taken) = restore_pose(path, &config, part, REMEDY, device)?;
-                    (checkpoint.config.pose, checkpoint.pose) = (config, Some(net));
-                    taken
-                }
-            };
-            report.matched.extend(taken.matched);
+            match network {
+                _ if declared.is_some() => {}
+                Network::Disp => checkpoint.config.disp = disp_config(path, &part)?,
+                Network::Pose => checkpoint.config.pose = pose_config(path, &part)?,
+            }
+            report.matched.extend(checkpoint.restore(network, path, part, REMEDY, device)?.matched);
         }
+        // Whoever asked for one network knows of the other; anything else is a tensor nobody understands.
+        arrays
+            .retain(|name, _| only.is_none() || !Network::ALL.iter().any(|network| name.starts_with(network.prefix())));
+        refuse_leftovers(path, &arrays, REMEDY)?;
         checkpoint.manifest.origin = path.file_name().map(|name| name.to_string_lossy().into_owned());
         Ok((checkpoint, report))
     }
@@ -137,55 +132,12 @@ pub(crate) fn take_network(arrays: &mut NamedArrays, network: Network) -> NamedA
     taken.into_iter().map(|(name, array)| (name[prefix.len()..].to_string(), array)).collect()
 }
 
-/// Builds the depth network and fills it, or says in one sentence what does not fit.
-pub(crate) fn restore_disp(
-    path: &Path,
-    config: &DispNetConfig,
-    arrays: NamedArrays,
-    remedy: &'static str,
-    device: &Device,
-) -> Result<(DispNet, ImportReport), NetsError> {
-    check_size(path, config.parameter_count(), &arrays, remedy)?;
-    fill(path, config.init(device)?, arrays, naming::disp_net, remedy)
-}
-
-/// Builds the motion network and fills it, or says in one sentence what does not fit.
-pub(crate) fn restore_pose(
-    path: &Path,
-    config: &PoseMaskNetConfig,
-    arrays: NamedArrays,
-    remedy: &'static str,
-    device: &Device,
-) -> Result<(PoseMaskNet, ImportReport), NetsError> {
-    check_size(path, config.parameter_count(), &arrays, remedy)?;
-    fill(path, config.init(device)?, arrays, naming::pose_mask_net, remedy)
-}
-
-/// Refuses a configuration far larger than the file before memory is spent on it; exact checks come with the names.
-fn check_size(path: &Path, wanted: usize, arrays: &NamedArrays, remedy: &'static str) -> Result<(), NetsError> {
-    let held: usize = arrays.values().map(|array| array.values.len()).sum();
-    if wanted > 2 * held + 1024 {
-        let reason = format!("holds {held} numbers where the configured network has {wanted}");
-        return Err(NetsError::mismatch(path, reason, remedy));
-    }
-    Ok(())
-}
-
-fn fill<M: Module>(
-    path: &Path,
-    mut module: M,
-    arrays: NamedArrays,
-    rename: fn(&str) -> String,
-    remedy: &'static str,
-) -> Result<(M, ImportReport), NetsError> {
-    if let Some((name, _)) = arrays.iter().find(|(_, array)| array.values.iter().any(|value| !value.is_finite())) {
-        return Err(NetsError::corrupt(path, format!("tensor {name} holds a number that is not finite")));
-    }
-    let report = apply(&mut module, arrays, rename);
-    if report.is_complete() {
-        Ok((module, report))
-    } else {
-        Err(NetsError::mismatch(path, report.disagreement(), remedy))
+/// # Errors
+/// [`NetsError::Mismatch`] naming an array that belongs to neither network.
+pub(crate) fn refuse_leftovers(path: &Path, arrays: &NamedArrays, remedy: &'static str) -> Result<(), NetsError> {
+    match arrays.keys().next() {
+        Some(name) => Err(NetsError::mismatch(path, format!("holds an unknown tensor {name}"), remedy)),
+        None => Ok(()),
     }
 }
 

@@ -8,6 +8,7 @@
 //! | [`config`] | [`NetsConfig`] and its presets |
 //! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
 //! | [`import`] | weights of PyTorch and safetensors files |
+//! | [`onnx`] | export for other programs |
 //! | [`layers`] | the blocks both are made of |
 //!
 //! Pictures are `[batch, 3, height, width]`, RGB in [-1, 1], of any size. The device decides between training and
@@ -21,6 +22,7 @@ mod files;
 pub mod import;
 pub mod layers;
 pub mod motion;
+pub mod onnx;
 pub mod pose_mask_net;
 mod weights;
 
@@ -31,5 +33,6 @@ pub use error::NetsError;
 pub use import::Network;
 pub use layers::Padding;
 pub use motion::Rotation;
+pub use onnx::OnnxOptions;
 pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};
 pub use weights::ImportReport;

@@ -20,7 +20,7 @@ const MOTION_KERNEL: usize = 3;
 /// Keeps the first predictions near zero, as SfMLearner does.
 pub(crate) const MOTION_SCALE: f64 = 0.01;
 /// The first mask stage whose output is turned into a prediction.
-pub(crate) const FIRST_MASK_HEAD: usize = 5 - SCALES;
+const FIRST_MASK_HEAD: usize = 5 - SCALES;
 
 /// How the network says which pixels to trust.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -12,7 +12,7 @@ use crate::mask_loss::reliability_cross_entropy;
 use crate::photometric::{auto_mask, average, minimum_over_sources, photometric_error};
 use crate::pyramid::{WHOLLY, enlarge, shrink, shrink_usable};
 use crate::smoothness::smoothness;
-use crate::warp::{Synthesized, sample_bilinear, synthesize};
+use crate::warp::{Synthesized, depth_from_disparity, finite_disparity, sample_bilinear, synthesize};
 use burn::tensor::Tensor;
 
 /// A picture and which of its pixels mean anything.
@@ -62,24 +62,30 @@ pub struct LossTerms {
     pub geometry: Tensor<1>,
     /// The weighted sum to minimise.
     pub total: Tensor<1>,
+    /// Share of the target's pixels that count in the photometric term, mean over scales, 0 to 1. Near 0 there is
+    /// nothing to learn from, however low the other numbers are.
+    pub coverage: Tensor<1>,
 }
 
 /// The objective of a batch.
 ///
 /// Scales are those of `prediction.disparities`; `batch.cameras` needs one level for each, or the first alone when all
 /// scales are judged at full size.
+///
+/// # Panics
+/// If the parts of `batch` and `prediction` do not belong together: other numbers of sources or scales, other sizes.
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
-    let (mut photometric, mut geometry) = (zero.clone(), zero.clone());
+    let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
     let (mut smooth, mut mask) = (zero.clone(), zero);
+    let full = (config.scales == Scales::Full).then(|| Pictures::new(batch, 0, config));
     for (scale, disparity) in prediction.disparities.iter().enumerate() {
-        let (l_vs, l_geo) = view_synthesis(&Scale::new(batch, prediction, scale, config), config);
-        photometric = photometric + l_vs;
-        geometry = geometry + l_geo;
-        let [_, _, height, width] = disparity.dims();
-        let image = shrink(batch.target.image.clone(), [height, width]);
-        let decay = config.smoothness_decay.powi(i32::try_from(scale).unwrap_or(i32::MAX));
-        smooth = smooth + smoothness(disparity.clone(), &image, config.smoothness) / decay;
+        let pictures = full.clone().unwrap_or_else(|| Pictures::new(batch, scale, config));
+        let synthesis = view_synthesis(&Scale::new(pictures, prediction, scale), config);
+        photometric = photometric + synthesis.photometric;
+        geometry = geometry + synthesis.geometry;
+        coverage = coverage + synthesis.coverage;
+        smooth = smooth + scale_smoothness(&batch.target, disparity.clone(), scale, config);
         if let Some(reliability) = prediction.masks.get(scale) {
             mask = mask + reliability_cross_entropy(reliability.clone());
         }
@@ -88,14 +94,50 @@ pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveC
         + smooth.clone() * config.smoothness_weight
         + mask.clone() * config.mask_weight
         + geometry.clone() * config.geometry_weight;
-    LossTerms { photometric, smoothness: smooth, mask, geometry, total }
+    let coverage = coverage / prediction.disparities.len().max(1) as f64;
+    LossTerms { photometric, smoothness: smooth, mask, geometry, total, coverage }
+}
+
+/// Smoothness of one scale, at its own size, divided by its decay.
+fn scale_smoothness(target: &View, disparity: Tensor<4>, scale: usize, config: &ObjectiveConfig) -> Tensor<1> {
+    let [_, _, height, width] = disparity.dims();
+    let image = shrink(target.image.clone(), [height, width]);
+    let decay = (0..scale).fold(1.0, |decay, _| decay * config.smoothness_decay);
+    smoothness(finite_disparity(disparity), &image, config.smoothness) / decay
+}
+
+/// The pictures of a batch at the size of a scale.
+#[derive(Clone)]
+struct Pictures<'a> {
+    cameras: &'a CameraBatch,
+    target: View,
+    sources: Vec<View>,
+    /// Per source, how well it matches the target as it stands, `[batch, 1, height, width]`; for the auto-mask alone.
+    unwarped_errors: Vec<Option<Tensor<4>>>,
+}
+
+impl<'a> Pictures<'a> {
+    fn new(batch: &'a ViewBatch, level: usize, config: &ObjectiveConfig) -> Self {
+        let cameras = &batch.cameras.levels()[level];
+        let size = [cameras.size().height, cameras.size().width];
+        let target = batch.target.shrunk(size);
+        let sources: Vec<View> = batch.sources.iter().map(|source| source.shrunk(size)).collect();
+        let unwarped = |source: &View| {
+            let error = || photometric_error(target.image.clone(), source.image.clone(), config.ssim_weight);
+            config.auto_mask.then(error)
+        };
+        let unwarped_errors = sources.iter().map(unwarped).collect();
+        Self { cameras, target, sources, unwarped_errors }
+    }
+
+    fn size(&self) -> [usize; 2] {
+        [self.cameras.size().height, self.cameras.size().width]
+    }
 }
 
 /// One scale's inputs, all of one size.
 struct Scale<'a> {
-    target: View,
-    sources: Vec<View>,
-    cameras: &'a CameraBatch,
+    pictures: Pictures<'a>,
     depth: Tensor<4>,
     source_from_target: &'a [Tensor<3>],
     /// Per source, `[batch, 1, height, width]`.
@@ -104,26 +146,20 @@ struct Scale<'a> {
 }
 
 impl<'a> Scale<'a> {
-    fn new(batch: &'a ViewBatch, prediction: &'a Prediction, scale: usize, config: &ObjectiveConfig) -> Self {
-        let levels = batch.cameras.levels();
-        let cameras = match config.scales {
-            Scales::Full => &levels[0],
-            Scales::Native => &levels[scale],
+    fn new(pictures: Pictures<'a>, prediction: &'a Prediction, scale: usize) -> Self {
+        let size = pictures.size();
+        let depth = |pyramid: &Vec<Tensor<4>>| depth_from_disparity(enlarge(pyramid[scale].clone(), size));
+        let reliability = |source: usize| {
+            let mask = prediction.masks.get(scale)?.clone().narrow(1, source, 1);
+            Some(enlarge(mask, size))
         };
-        let size = [cameras.size().height, cameras.size().width];
-        let disparity = |pyramid: &Vec<Tensor<4>>| enlarge(pyramid[scale].clone(), size);
-        let mask = |source: usize| prediction.masks.get(scale).map(|mask| mask.clone().narrow(1, source, 1));
-        let count = batch.sources.len();
+        let sources = 0..pictures.sources.len();
         Self {
-            target: batch.target.shrunk(size),
-            sources: batch.sources.iter().map(|source| source.shrunk(size)).collect(),
-            cameras,
-            depth: disparity(&prediction.disparities).recip(),
+            depth: depth(&prediction.disparities),
             source_from_target: &prediction.source_from_target,
-            reliability: (0..count).map(|source| mask(source).map(|mask| enlarge(mask, size))).collect(),
-            source_depths: (0..count)
-                .map(|source| prediction.source_disparities.get(source).map(|pyramid| disparity(pyramid).recip()))
-                .collect(),
+            reliability: sources.clone().map(reliability).collect(),
+            source_depths: sources.map(|source| prediction.source_disparities.get(source).map(depth)).collect(),
+            pictures,
         }
     }
 }
@@ -137,23 +173,35 @@ impl View {
     }
 }
 
-/// Photometric and geometric terms of one scale.
-fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> (Tensor<1>, Tensor<1>) {
-    let compared: Vec<Compared> = (0..scale.sources.len()).map(|source| compare(scale, source, config)).collect();
-    let zero = || Tensor::<1>::zeros([1], (&scale.depth.device(), scale.depth.dtype()));
-    let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero(), Tensor::add);
+/// What synthesis from all sources says about one scale, each `[1]`.
+struct ViewSynthesis {
+    photometric: Tensor<1>,
+    geometry: Tensor<1>,
+    coverage: Tensor<1>,
+}
+
+/// `L_vs` and `L_geo` of one scale.
+fn view_synthesis(scale: &Scale<'_>, config: &ObjectiveConfig) -> ViewSynthesis {
+    let zero = Tensor::<1>::zeros([1], (&scale.depth.device(), scale.depth.dtype()));
+    if scale.pictures.sources.is_empty() {
+        return ViewSynthesis { photometric: zero.clone(), geometry: zero.clone(), coverage: zero };
+    }
+    let compared: Vec<Compared> =
+        (0..scale.pictures.sources.len()).map(|source| compare(scale, source, config)).collect();
+    let geometry = compared.iter().filter_map(|source| source.disagreement.clone()).fold(zero.clone(), Tensor::add);
     let (errors, valid): (Vec<_>, Vec<_>) = compared.into_iter().map(|source| (source.error, source.valid)).unzip();
+    let coverage = Tensor::cat(valid.clone(), 1).max_dim(1).mean();
     let photometric = match config.across_sources {
-        AcrossSources::Minimum if !errors.is_empty() => {
-            let (error, valid) = minimum_over_sources(errors, valid);
-            average(error, valid, config.average)
+        AcrossSources::Minimum => {
+            let (best, counts) = minimum_over_sources(errors, valid);
+            average(best, counts, config.average)
         }
-        _ => {
+        AcrossSources::Sum => {
             let means = errors.into_iter().zip(valid).map(|(error, valid)| average(error, valid, config.average));
-            means.fold(zero(), Tensor::add)
+            means.fold(zero, Tensor::add)
         }
     };
-    (photometric, geometry)
+    ViewSynthesis { photometric, geometry, coverage }
 }
 
 /// How well one source explains the target.
@@ -168,18 +216,17 @@ struct Compared {
 
 /// Paints the target with one source and compares.
 fn compare(scale: &Scale<'_>, source: usize, config: &ObjectiveConfig) -> Compared {
-    let (target, view) = (scale.target.image.clone(), &scale.sources[source]);
-    let motion = scale.source_from_target[source].clone();
-    let synthesized = synthesize(view.image.clone(), scale.depth.clone(), motion, scale.cameras, config.out_of_view);
-    let mut valid = usable_pixels(&synthesized, &scale.target, view);
+    let Pictures { cameras, target, sources, unwarped_errors } = &scale.pictures;
+    let (image, motion) = (sources[source].image.clone(), scale.source_from_target[source].clone());
+    let synthesized = synthesize(image, scale.depth.clone(), motion, cameras, config.out_of_view);
+    let mut valid = usable_pixels(&synthesized, target, &sources[source]);
     let image = match config.brightness {
         Brightness::Constant => synthesized.image,
-        Brightness::Affine => align_brightness(synthesized.image, target.clone(), valid.clone()),
+        Brightness::Affine => align_brightness(synthesized.image, target.image.clone(), valid.clone()),
     };
-    let mut error = photometric_error(target.clone(), image, config.ssim_weight);
-    if config.auto_mask {
-        let unwarped = photometric_error(target, view.image.clone(), config.ssim_weight);
-        valid = valid * auto_mask(error.clone(), unwarped);
+    let mut error = photometric_error(target.image.clone(), image, config.ssim_weight);
+    if let Some(unwarped) = &unwarped_errors[source] {
+        valid = valid * auto_mask(error.clone(), unwarped.clone());
     }
     if let Some(reliability) = &scale.reliability[source] {
         error = error * reliability.clone();
@@ -187,10 +234,10 @@ fn compare(scale: &Scale<'_>, source: usize, config: &ObjectiveConfig) -> Compar
     let mut disagreement = None;
     if let Some(depth) = scale.source_depths[source].clone().filter(|_| config.geometry_weight > 0.0) {
         let sampled = sample_bilinear(depth, synthesized.correspondence.pixels);
-        let map = depth_disagreement(synthesized.correspondence.depth, sampled);
+        let map = depth_disagreement(synthesized.correspondence.depth, sampled) * synthesized.in_view.clone();
         // Detached: disagreeing depths must not be a way to a lower photometric error.
         error = error * (-map.clone().detach() + 1.0);
-        disagreement = Some(average(map, valid.clone(), config.average));
+        disagreement = Some(average(map, valid.clone() * synthesized.in_view, config.average));
     }
     Compared { error, valid, disagreement }
 }

@@ -9,7 +9,7 @@
 //! pixels, so the only place where that convention can be broken; it equals `grid_sample` with `align_corners = true`.
 
 use crate::camera::{CameraBatch, Projected};
-use burn::tensor::{Bool, Tensor};
+use burn::tensor::{Bool, Int, Tensor};
 use serde::{Deserialize, Serialize};
 
 /// Depths outside this range, NaN among them, mark their pixels invalid. Networks predict 0.1 to 10 and pictures in
@@ -19,6 +19,10 @@ const DEPTH_RANGE: [f64; 2] = [1e-6, 1e6];
 /// A point closer to the source camera than this fraction of its depth in the target counts as behind the lens. A
 /// fraction, not a length, so that scaling depth and translation together changes nothing.
 const NEAREST: f64 = 1e-3;
+
+/// Positions may pass the outermost pixel centres by this fraction of the picture: what single precision makes of a
+/// border pixel that did not move. Without it a still camera would lose its border.
+const BORDER_SLACK: f64 = 1e-6;
 
 /// What happens to pixels whose source position lies outside the source picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,6 +44,8 @@ pub struct Synthesized {
     pub image: Tensor<4>,
     /// `[batch, 1, height, width]`, 1 where the pixel counts under the policy, else 0; never NaN, no gradient.
     pub valid: Tensor<4>,
+    /// `[batch, 1, height, width]`, 1 where the source really shows the pixel, whatever the policy; no gradient.
+    pub in_view: Tensor<4>,
     /// Where the colours were read.
     pub correspondence: Correspondence,
 }
@@ -77,11 +83,11 @@ pub fn synthesize(
     let in_view = defined.clone() * in_picture;
     let image = sample_bilinear(source, correspondence.pixels.clone());
     let (image, valid) = match out_of_view {
-        OutOfView::Grey => (image * in_view, cameras.seen() * defined.ones_like()),
-        OutOfView::Masked => (image, in_view),
+        OutOfView::Grey => (image * in_view.clone(), cameras.seen() * defined.ones_like()),
+        OutOfView::Masked => (image, in_view.clone()),
         OutOfView::Border => (image, defined),
     };
-    Synthesized { image, valid, correspondence }
+    Synthesized { image, valid, in_view, correspondence }
 }
 
 /// Positions of the target's pixels in the source view.
@@ -101,6 +107,23 @@ pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &Cam
     let seen = cameras.seen().greater_scalar(0.5).expand(sane.dims());
     let defined = in_domain.bool_and(sane).bool_and(seen);
     Correspondence { pixels, depth: depth_in_source.mask_fill(defined.clone().bool_not(), 1.0), defined }
+}
+
+/// `1 / disparity`. Disparities that are zero, negative or NaN give a depth beyond every sane one, without gradient, so
+/// that their pixels do not count.
+///
+/// # Shapes
+/// - `disparity`, returns: `[batch, 1, height, width]`
+pub fn depth_from_disparity(disparity: Tensor<4>) -> Tensor<4> {
+    finite_disparity(disparity).recip()
+}
+
+/// Replaces what is no disparity by one too small to count.
+pub(crate) fn finite_disparity(disparity: Tensor<4>) -> Tensor<4> {
+    let smallest = 0.5 / DEPTH_RANGE[1];
+    let largest = 2.0 / DEPTH_RANGE[0];
+    let sane = disparity.clone().greater_scalar(smallest).bool_and(disparity.clone().lower_scalar(largest));
+    disparity.mask_fill(sane.bool_not(), smallest)
 }
 
 /// Applies a rigid transform to every point, `p' = R p + t`.
@@ -130,24 +153,32 @@ pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
     let [_, _, rows, columns] = pixels.dims();
     let (left, right_share) = cell(pixels.clone().narrow(1, 0, 1), width);
     let (top, lower_share) = cell(pixels.narrow(1, 1, 1), height);
-    let corner = top.mul_scalar(width as i64).add(left).reshape([batch, 1, rows * columns]);
-    let flat = picture.reshape([batch, channels, height * width]);
+    let first_of_item =
+        Tensor::<1, Int>::arange(0..batch as i64, &picture.device()).mul_scalar((height * width) as i64);
+    let corner = top.mul_scalar(width as i64).add(left).add(first_of_item.reshape([batch, 1, 1, 1]));
+    let corner: Tensor<1, Int> = corner.reshape([batch * rows * columns]);
+    // Colours side by side: one index reads all channels of a pixel, which is many times faster than one per channel.
+    let colours = picture.permute([0, 2, 3, 1]).reshape([batch * height * width, channels]);
     let read = |offset: usize| {
-        let index = corner.clone().add_scalar(offset as i64).expand([batch, channels, rows * columns]);
-        flat.clone().gather(2, index).reshape([batch, channels, rows, columns])
+        let read = colours.clone().select(0, corner.clone().add_scalar(offset as i64));
+        read.reshape([batch, rows, columns, channels])
     };
+    let last = |share: Tensor<4>| share.reshape([batch, rows, columns, 1]);
+    let (right_share, lower_share) = (last(right_share), last(lower_share));
     // A picture one pixel wide has no right neighbour; its share is 0 there.
     let (right, down) = (usize::from(width > 1), if height > 1 { width } else { 0 });
     let upper = mix(read(0), read(right), right_share.clone());
     let lower = mix(read(down), read(down + right), right_share);
-    mix(upper, lower, lower_share)
+    mix(upper, lower, lower_share).permute([0, 3, 1, 2])
 }
 
 /// First pixel of the pair that encloses a coordinate along an axis of `length` pixels, and the share of the second.
-fn cell(coordinate: Tensor<4>, length: usize) -> (Tensor<4, burn::tensor::Int>, Tensor<4>) {
+fn cell(coordinate: Tensor<4>, length: usize) -> (Tensor<4, Int>, Tensor<4>) {
     let coordinate = coordinate.clamp(0.0, length.saturating_sub(1) as f64);
-    let first = coordinate.clone().detach().floor().clamp_max(length.saturating_sub(2) as f64);
-    (first.clone().int(), coordinate - first)
+    // Nothing is negative here, so cutting off the fraction rounds down.
+    let first = coordinate.clone().detach().int().clamp_max(length.saturating_sub(2) as i64);
+    let share = coordinate.clone() - first.clone().float().cast(coordinate.dtype());
+    (first, share)
 }
 
 fn mix(from: Tensor<4>, to: Tensor<4>, share: Tensor<4>) -> Tensor<4> {
@@ -158,8 +189,9 @@ fn mix(from: Tensor<4>, to: Tensor<4>, share: Tensor<4>) -> Tensor<4> {
 pub fn inside(pixels: &Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4, Bool> {
     let within = |axis: usize, length: usize| {
         let coordinate = pixels.clone().detach().narrow(1, axis, 1);
-        let last = length.saturating_sub(1) as f64;
-        coordinate.clone().greater_equal_scalar(0.0).bool_and(coordinate.lower_equal_scalar(last))
+        let slack = BORDER_SLACK * length as f64;
+        let last = length.saturating_sub(1) as f64 + slack;
+        coordinate.clone().greater_equal_scalar(-slack).bool_and(coordinate.lower_equal_scalar(last))
     };
     within(0, width).bool_and(within(1, height))
 }

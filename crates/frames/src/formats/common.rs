@@ -61,11 +61,6 @@ pub fn name_of(path: &Path) -> String {
     full.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Frame number in a file name, or `fallback` where it has none.
-pub fn number_of(path: &Path, fallback: usize) -> usize {
-    path.file_stem().and_then(|stem| natural::number(&stem.to_string_lossy())).unwrap_or(fallback)
-}
-
 /// A frame that is a picture of its own and nothing else yet.
 pub fn frame_of(path: &Path, number: usize, time_s: f64) -> FrameEntry {
     let image = ImageLocation::File(path.to_path_buf());

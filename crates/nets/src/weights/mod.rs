@@ -25,47 +25,17 @@ pub(crate) struct Array {
 /// Arrays by name, sorted.
 pub(crate) type NamedArrays = BTreeMap<String, Array>;
 
-/// How the arrays of a file compare with the tensors of a network.
+/// What an import took over.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ImportReport {
-    /// Names found in both, with the same shape.
+    /// Names of the tensors, which are all of the file's and all of the network's.
     pub matched: Vec<String>,
-    /// Names the network needs but the file lacks.
-    pub missing: Vec<String>,
-    /// Names in the file that no tensor of the network bears.
-    pub unused: Vec<String>,
-    /// `NAME is [4, 3, 7, 7] but should be [8, 3, 7, 7]`.
-    pub misshapen: Vec<String>,
-}
-
-impl ImportReport {
-    /// Whether file and network agree tensor for tensor.
-    pub fn is_complete(&self) -> bool {
-        self.missing.is_empty() && self.unused.is_empty() && self.misshapen.is_empty()
-    }
-
-    /// The first disagreement and how many there are, as part of a sentence; empty if there is none.
-    pub(crate) fn disagreement(&self) -> String {
-        let all = [
-            ("holds no", self.missing.as_slice()),
-            ("holds a tensor whose shape does not fit:", self.misshapen.as_slice()),
-            ("holds an unknown tensor", self.unused.as_slice()),
-        ];
-        let parts = all.iter().filter_map(|(what, names)| {
-            let others = match names.len() {
-                0 => return None,
-                1 => String::new(),
-                count => format!(" (and {} more)", count - 1),
-            };
-            Some(format!("{what} {}{others}", names[0]))
-        });
-        parts.collect::<Vec<_>>().join(" and ")
-    }
 }
 
 /// The tensors of a module under the names `rename` gives their paths.
 pub(crate) fn collect<M: Module>(module: &M, rename: impl Fn(&str) -> String) -> Result<NamedArrays, String> {
-    let tensors = module.collect(None, None, true).into_iter();
+    // A normalisation layer keeps its latest statistics aside until somebody asks; `valid` asks, `collect` does not.
+    let tensors = module.valid().collect(None, None, true).into_iter();
     tensors
         .map(|tensor| {
             let name = rename(&tensor.name);
@@ -75,23 +45,23 @@ pub(crate) fn collect<M: Module>(module: &M, rename: impl Fn(&str) -> String) ->
         .collect()
 }
 
-/// Replaces the tensors of a module by the arrays that `rename` matches to their paths; the report says which were.
+/// Replaces the tensors of a module by the arrays that `rename` matches to their paths.
 ///
-/// The module changes only where names and shapes agree.
+/// # Errors
+/// Which arrays are missing, misshapen or unknown, as part of a sentence.
 pub(crate) fn apply<M: Module>(
     module: &mut M,
     mut arrays: NamedArrays,
     rename: impl Fn(&str) -> String,
-) -> ImportReport {
+) -> Result<ImportReport, String> {
     let mut report = ImportReport::default();
-    let mut fitting = Vec::new();
+    let (mut fitting, mut missing, mut misshapen) = (Vec::new(), Vec::new(), Vec::new());
     for tensor in module.collect(None, None, true) {
         let name = rename(&tensor.name);
         match arrays.remove(&name) {
-            None => report.missing.push(name),
+            None => missing.push(name),
             Some(array) if array.shape[..] != tensor.shape[..] => {
-                let (found, wanted) = (array.shape, tensor.shape.to_vec());
-                report.misshapen.push(format!("{name} is {found:?} but should be {wanted:?}"));
+                misshapen.push(format!("{name} is {:?} but should be {:?}", array.shape, tensor.shape.to_vec()));
             }
             Some(array) => {
                 let data = TensorData::new(array.values, array.shape);
@@ -100,8 +70,25 @@ pub(crate) fn apply<M: Module>(
             }
         }
     }
+    let unknown: Vec<String> = arrays.into_keys().collect();
+    let complaints: Vec<String> = [
+        complaint("holds no", &missing),
+        complaint("holds a tensor of another shape:", &misshapen),
+        complaint("holds an unknown tensor", &unknown),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    if !complaints.is_empty() {
+        return Err(complaints.join(" and "));
+    }
     let applied = module.apply(fitting, None, None, true);
-    report.misshapen.extend(applied.errors.iter().map(ToString::to_string));
-    report.unused = arrays.into_keys().collect();
-    report
+    applied.errors.first().map_or(Ok(report), |error| Err(format!("cannot be used ({error})")))
+}
+
+/// The first of several names and how many more there are.
+fn complaint(what: &str, names: &[String]) -> Option<String> {
+    let (first, rest) = names.split_first()?;
+    let more = if rest.is_empty() { String::new() } else { format!(" (and {} more)", rest.len()) };
+    Some(format!("{what} {first}{more}"))
 }

@@ -1,5 +1,5 @@
 //! What several tests share: golden files and comparison with them.
-#![allow(dead_code, reason = "every test binary uses its own part")]
+#![allow(dead_code, clippy::unwrap_used, clippy::print_stderr, reason = "every test binary uses its own part")]
 
 use burn::tensor::{Device, Tensor, TensorData};
 use safetensors::SafeTensors;

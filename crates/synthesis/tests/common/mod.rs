@@ -17,6 +17,9 @@ pub fn tensor<const D: usize>(values: Vec<f64>, shape: [usize; D]) -> Tensor<D> 
     Tensor::from_data(TensorData::new(values, shape), options())
 }
 
+/// Numbers of an input whose derivative is checked.
+const SAMPLE: usize = 24;
+
 /// Numbers between `low` and `high` that look random and are the same on every machine.
 pub fn noise(seed: u64, count: usize, low: f64, high: f64) -> Vec<f64> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
@@ -42,7 +45,8 @@ pub fn number(tensor: Tensor<1>) -> f64 {
     tensor.into_scalar::<f64>()
 }
 
-/// Compares the gradient of `function` at `inputs` with central differences, number by number.
+/// Compares the gradient of `function` at `inputs` with central differences, number by number; of larger inputs, for a
+/// sample of numbers spread over rows, columns and channels.
 ///
 /// `function` must return one number; its inputs are handed over as `[batch, channels, height, width]`.
 pub fn assert_gradient(name: &str, inputs: &[Tensor<4>], function: impl Fn(&[Tensor<4>]) -> Tensor<1>) {
@@ -51,7 +55,9 @@ pub fn assert_gradient(name: &str, inputs: &[Tensor<4>], function: impl Fn(&[Ten
     for (index, input) in inputs.iter().enumerate() {
         let analytic = values(tracked[index].grad(&gradients).unwrap_or_else(|| input.zeros_like()));
         let scale = analytic.iter().fold(1e-3, |largest: f64, value| largest.max(value.abs()));
-        for (element, analytic) in analytic.into_iter().enumerate() {
+        // 37 shares no factor with the sizes of the tests, so the first steps all hit different numbers.
+        for element in (0..analytic.len().min(SAMPLE)).map(|step| step * 37 % analytic.len()) {
+            let analytic = analytic[element];
             let numeric = central_difference(inputs, index, element, &function);
             let error = (analytic - numeric).abs() / scale;
             assert!(

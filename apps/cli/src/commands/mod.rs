@@ -1,0 +1,7 @@
+//! One module per command: its arguments and what it does.
+
+pub mod convert;
+pub mod devices;
+pub mod eval;
+pub mod inspect;
+pub mod train;

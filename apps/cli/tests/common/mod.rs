@@ -1,0 +1,79 @@
+//! Runs the built binary as a user would.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The built binary.
+pub fn endoscape(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_endoscape")).args(arguments).output().unwrap()
+}
+
+/// Runs it, expects success, and returns what it printed.
+pub fn succeed(arguments: &[&str]) -> String {
+    let output = endoscape(arguments);
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "endoscape {arguments:?} failed: {err}");
+    out
+}
+
+/// Runs it, expects exit code 1 and one sentence, and returns that sentence.
+pub fn fail(arguments: &[&str]) -> String {
+    sentence(&endoscape(arguments))
+}
+
+/// The one sentence of a failed run; panics if the run did not fail as the contract says.
+pub fn sentence(output: &Output) -> String {
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "stdout: {out}\nstderr: {err}");
+    assert_eq!(out, "", "nothing belongs on standard output");
+    let errors: Vec<&str> = err.lines().filter(|line| !line.starts_with("warning: ")).collect();
+    assert_eq!(errors.len(), 1, "one sentence was expected: {err}");
+    assert!(errors[0].starts_with("error: "), "{err}");
+    assert!(!err.contains("panicked"), "{err}");
+    errors[0].to_string()
+}
+
+/// JSON printed by a successful run.
+pub fn json(arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeed(arguments)).unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The root of the repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+/// The repository's own sequence.
+pub fn tube() -> String {
+    root().join("fixtures/tube").display().to_string()
+}
+
+/// Real data beside the repository, where a developer has it; says so when it is absent.
+pub fn shared(path: &str) -> Option<String> {
+    let full = root().join("../shared/data").join(path);
+    if !full.exists() {
+        eprintln!("skipped: {} is not here", full.display());
+        return None;
+    }
+    Some(full.display().to_string())
+}
+
+/// Copies a folder.
+pub fn copy(from: impl AsRef<Path>, to: impl AsRef<Path>) {
+    std::fs::create_dir_all(&to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.as_ref().join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(entry.path(), target);
+        } else {
+            std::fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}

@@ -1,0 +1,29 @@
+# Everything CI checks, and what else is worth a look before a change goes out.
+
+# fmt, lints, docs and tests, as `.ci/run` does them
+check: fmt lint docs test
+
+fmt:
+    cargo fmt --all --check
+
+lint:
+    cargo clippy --workspace --all-targets --locked -- -D warnings
+
+docs:
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+
+test:
+    cargo test --workspace --locked
+
+# slow tests as well
+test-all:
+    cargo test --workspace --locked -- --include-ignored
+
+# licences, sources, advisories, spelling (needs cargo-deny and typos)
+extra:
+    cargo deny check
+    typos
+
+# one minute of every fuzz target (needs cargo-fuzz and a nightly toolchain)
+fuzz seconds="60":
+    for target in $(cargo fuzz list); do cargo +nightly fuzz run "$target" -- -max_total_time={{seconds}} || exit 1; done
