@@ -94,7 +94,8 @@ mod tests {
 
     #[test]
     fn names_are_read_and_written_alike() {
-        for device in [DeviceName::Cpu, DeviceName::Cuda(1), DeviceName::Rocm(0), DeviceName::Vulkan, DeviceName::Metal] {
+        for device in [DeviceName::Cpu, DeviceName::Cuda(1), DeviceName::Rocm(0), DeviceName::Vulkan, DeviceName::Metal]
+        {
             assert_eq!(device.to_string().parse(), Ok(device));
         }
         assert_eq!("cuda".parse(), Ok(DeviceName::Cuda(0)));

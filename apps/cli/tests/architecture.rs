@@ -10,7 +10,17 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-nets", &["endoscape-core"]),
     ("endoscape-synthesis", &["endoscape-core"]),
     ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
-    ("endoscape-cli", &["endoscape-core", "endoscape-frames", "endoscape-eval", "endoscape-nets", "endoscape-synthesis", "endoscape-train"]),
+    (
+        "endoscape-cli",
+        &[
+            "endoscape-core",
+            "endoscape-frames",
+            "endoscape-eval",
+            "endoscape-nets",
+            "endoscape-synthesis",
+            "endoscape-train",
+        ],
+    ),
 ];
 
 /// Crates that may link Burn; all others stay light.

@@ -162,7 +162,8 @@ pub fn load_clips(
     memory_mib: usize,
     events: &mut dyn EventSink,
 ) -> Result<Vec<Arc<Clip>>, TrainError> {
-    let frames = |source: &Source| source.range.end.min(source.sequence.frames.len()).saturating_sub(source.range.start);
+    let frames =
+        |source: &Source| source.range.end.min(source.sequence.frames.len()).saturating_sub(source.range.start);
     let total: usize = sources.iter().map(frames).sum();
     let needed_mib = Clip::bytes(size, total) >> 20;
     if needed_mib > memory_mib {

@@ -55,7 +55,7 @@ impl Collapse {
         match self {
             Self::Depth => signs.depth_spread < 0.01,
             Self::Mask => signs.mask < 0.1,
-            // Below a thousandth of the smallest depth nothing moves by a pixel any more.
+            // At the smallest depth, 0.1, this moves a picture by a hundredth of a pixel.
             Self::Motion => signs.translation < 1e-5 && signs.rotation < 1e-5,
         }
     }

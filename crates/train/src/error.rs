@@ -53,7 +53,7 @@ pub enum TrainError {
     /// The loss is no number any more.
     #[error(
         "the loss became {loss} before step {step}, so training stopped; the checkpoint of step {kept} is unharmed: \
-         resume from it with a lower learning_rate or a smaller gradient_norm"
+         start a new run from it with --init and a lower learning_rate or a smaller gradient_norm"
     )]
     Diverged {
         /// The step at which it was noticed.

@@ -35,7 +35,8 @@ impl Thumbnail {
     pub fn new(image: &Image, usable: &Mask) -> Self {
         let (mut luma, mut usable) = (image.luma(), usable.clone());
         while luma.size().width > WIDEST {
-            (luma, usable) = (halved(&luma, |a| 0.25 * a.iter().sum::<f32>()), halved(&usable, |a| a.iter().all(|u| *u)));
+            (luma, usable) =
+                (halved(&luma, |a| 0.25 * a.iter().sum::<f32>()), halved(&usable, |a| a.iter().all(|u| *u)));
         }
         Self { luma, usable }
     }
@@ -161,7 +162,8 @@ mod tests {
         assert_eq!(displacement(&grey, &grey), None);
         let hidden = Thumbnail { usable: Grid::filled(size, false), ..scene(size, [0.0; 2], 1.0) };
         assert_eq!(displacement(&hidden, &hidden), None);
-        let tiny = Thumbnail::new(&Image::from_fn(Size::new(3, 2), |_, _| [9; 3]), &Grid::filled(Size::new(3, 2), true));
+        let tiny =
+            Thumbnail::new(&Image::from_fn(Size::new(3, 2), |_, _| [9; 3]), &Grid::filled(Size::new(3, 2), true));
         assert_eq!(displacement(&tiny, &tiny), None);
     }
 }

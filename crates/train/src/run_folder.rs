@@ -47,17 +47,16 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder of a new run.
+    /// The place of a new run; nothing is written before [`RunFolder::describe`].
     ///
     /// # Errors
-    /// [`TrainError::Run`] if something is there already or it cannot be made.
-    pub fn create(root: &Path) -> Result<Self, TrainError> {
-        let occupied = fs::read_dir(root).is_ok_and(|mut entries| entries.next().is_some());
+    /// [`TrainError::Run`] if something is there already.
+    pub fn fresh(root: &Path) -> Result<Self, TrainError> {
+        let occupied = root.is_file() || fs::read_dir(root).is_ok_and(|mut entries| entries.next().is_some());
         if occupied {
             let remedy = "choose another folder, or continue the run in it with --resume";
-            return Err(TrainError::run(root, "the folder is not empty", remedy));
+            return Err(TrainError::run(root, "is not an empty folder", remedy));
         }
-        fs::create_dir_all(root).map_err(|error| TrainError::io(root, "be made", &error))?;
         Ok(Self { root: root.to_path_buf() })
     }
 
@@ -109,11 +108,12 @@ impl RunFolder {
         })
     }
 
-    /// Writes configuration and manifest.
+    /// Writes configuration and manifest, making the folder if need be.
     ///
     /// # Errors
     /// [`TrainError::Run`] if they cannot be written.
     pub fn describe(&self, config: &TrainConfig, manifest: &RunManifest) -> Result<(), TrainError> {
+        fs::create_dir_all(&self.root).map_err(|error| TrainError::io(&self.root, "be made", &error))?;
         write_whole(&self.root.join(CONFIG), config.to_toml()?.as_bytes())?;
         write_whole(&self.root.join(MANIFEST), &to_json(manifest)?)
     }
@@ -163,7 +163,8 @@ impl<Row: Serialize + DeserializeOwned> Table<Row> {
             Ok(mut reader) => reader.deserialize().filter_map(Result::ok).filter(keep).collect(),
             Err(_) => Vec::new(),
         };
-        let refused = |error: &csv::Error| TrainError::run(&path, format!("cannot be written: {error}"), "check the disk");
+        let refused =
+            |error: &csv::Error| TrainError::run(&path, format!("cannot be written: {error}"), "check the disk");
         let mut kept = Writer::from_writer(Vec::new());
         for row in &rows {
             kept.serialize(row).map_err(|error| refused(&error))?;
@@ -198,7 +199,8 @@ mod tests {
 
     fn run() -> (tempfile::TempDir, RunFolder) {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::create(&folder.path().join("run")).unwrap();
+        let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
+        fs::create_dir(run.root()).unwrap();
         (folder, run)
     }
 
@@ -225,8 +227,8 @@ mod tests {
         let (_folder, run) = run();
         assert!(RunFolder::open(run.root()).unwrap_err().to_string().contains("no training run to resume"));
         fs::write(run.root().join("notes.txt"), "mine").unwrap();
-        let message = RunFolder::create(run.root()).unwrap_err().to_string();
-        assert!(message.contains("not empty") && message.contains("--resume"), "{message}");
+        let message = RunFolder::fresh(run.root()).unwrap_err().to_string();
+        assert!(message.contains("not an empty folder") && message.contains("--resume"), "{message}");
     }
 
     #[test]

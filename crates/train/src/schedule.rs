@@ -26,7 +26,13 @@ impl Decay {
         match self {
             Self::Constant => 1.0,
             Self::Cosine => LEAST + (1.0 - LEAST) * 0.5 * (1.0 + (PI * progress).cos()),
-            Self::Step => if progress < 0.75 { 1.0 } else { LEAST },
+            Self::Step => {
+                if progress < 0.75 {
+                    1.0
+                } else {
+                    LEAST
+                }
+            }
         }
     }
 }

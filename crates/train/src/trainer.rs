@@ -142,7 +142,8 @@ pub fn resume(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Re
 }
 
 fn sources_of(dataset: &SnippetDataset) -> Vec<DataSource> {
-    let source = |clip: &crate::clip::Clip| DataSource { name: clip.name.clone(), fingerprint: clip.fingerprint.clone() };
+    let source =
+        |clip: &crate::clip::Clip| DataSource { name: clip.name.clone(), fingerprint: clip.fingerprint.clone() };
     dataset.clips().map(|(clip, _)| source(clip)).collect()
 }
 
@@ -349,7 +350,8 @@ impl<'a> Session<'a> {
         };
         if deciding.is_finite() && self.state.progress.best.is_none_or(|best| deciding < best) {
             self.state.progress.best = Some(deciding);
-            let checkpoint = self.state.model.valid().to_checkpoint(self.config.nets.clone(), self.manifest(Some(&scores)));
+            let checkpoint =
+                self.state.model.valid().to_checkpoint(self.config.nets.clone(), self.manifest(Some(&scores)));
             checkpoint.save(&self.run.best())?;
         }
         Ok(scores)

@@ -59,7 +59,7 @@ fn recover(steps: u64) -> Recovered {
     let clip = Arc::new(tube_clip(FRAMES));
     let data = SnippetDataset::new(vec![clip.clone()], 3, &config.gap, &mut NullSink).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let run = RunFolder::create(&folder.path().join("run")).unwrap();
+    let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
     let device = Device::flex();
     let job = TrainJob {
         config,
@@ -87,7 +87,10 @@ fn depth_error(clip: &Clip, model: &Checkpoint, device: &Device) -> (f64, f64) {
     let mut ratios: Vec<f64> = pixels.iter().map(|(depth, truth)| truth / depth).collect();
     ratios.sort_by(f64::total_cmp);
     let scale = ratios[ratios.len() / 2];
-    (scale, pixels.iter().map(|(depth, truth)| (scale * depth - truth).abs() / truth).sum::<f64>() / pixels.len() as f64)
+    (
+        scale,
+        pixels.iter().map(|(depth, truth)| (scale * depth - truth).abs() / truth).sum::<f64>() / pixels.len() as f64,
+    )
 }
 
 fn motion_error(clip: &Clip, model: &Checkpoint, scale: f64, device: &Device) -> (f64, f64) {

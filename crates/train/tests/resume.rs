@@ -51,7 +51,9 @@ fn lines(run: &RunFolder, table: &str) -> Vec<String> {
 
 /// Columns that do not depend on the clock.
 fn losses(run: &RunFolder) -> Vec<Vec<String>> {
-    let fields = |line: &String| line.split(',').enumerate().filter(|(at, _)| *at != 1 && *at != 2).map(|(_, f)| f.to_owned()).collect();
+    let fields = |line: &String| {
+        line.split(',').enumerate().filter(|(at, _)| *at != 1 && *at != 2).map(|(_, f)| f.to_owned()).collect()
+    };
     lines(run, "metrics.csv").iter().map(fields).collect()
 }
 
@@ -59,11 +61,11 @@ fn losses(run: &RunFolder) -> Vec<Vec<String>> {
 fn a_resumed_run_equals_one_that_never_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| -> PathBuf { folder.path().join(name) };
-    let whole = RunFolder::create(&path("whole")).unwrap();
+    let whole = RunFolder::fresh(&path("whole")).unwrap();
     let summary = train(&job(tiny(), 8), &whole, &mut NullSink).unwrap();
     assert_eq!(summary.steps, 6);
 
-    let parts = RunFolder::create(&path("parts")).unwrap();
+    let parts = RunFolder::fresh(&path("parts")).unwrap();
     train(&job(TrainConfig { steps: 3, ..tiny() }, 8), &parts, &mut NullSink).unwrap();
     // A process that dies while it writes leaves a draft behind and a line cut short.
     std::fs::create_dir(path("parts").join(".latest.incomplete")).unwrap();
@@ -86,7 +88,7 @@ fn a_resumed_run_equals_one_that_never_stopped() {
 #[test]
 fn other_data_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let run = RunFolder::create(&folder.path().join("run")).unwrap();
+    let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
     train(&job(TrainConfig { steps: 1, ..tiny() }, 6), &run, &mut NullSink).unwrap();
     let mut other = tube_clip(6);
     other.fingerprint = "another".into();
@@ -99,11 +101,11 @@ fn other_data_is_refused() {
 #[test]
 fn a_second_stage_may_change_the_snippet_length() {
     let folder = tempfile::tempdir().unwrap();
-    let first = RunFolder::create(&folder.path().join("first")).unwrap();
+    let first = RunFolder::fresh(&folder.path().join("first")).unwrap();
     train(&job(TrainConfig { steps: 1, ..tiny() }, 6), &first, &mut NullSink).unwrap();
     let mut config = TrainConfig { steps: 1, ..tiny() };
     config.nets.pose.snippet_length = 5;
-    let second = RunFolder::create(&folder.path().join("second")).unwrap();
+    let second = RunFolder::fresh(&folder.path().join("second")).unwrap();
     let mut events = Vec::new();
     let job = TrainJob { init: Some(first.latest()), ..job(config, 8) };
     train(&job, &second, &mut events).unwrap();

@@ -71,8 +71,8 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let device = args.device.device.open()?;
     let mut progress = Progress::new();
-    // The folder comes first: a slip there must not cost the time of reading all frames.
-    let run = if args.resume { RunFolder::open(&args.out)? } else { RunFolder::create(&args.out)? };
+    // A slip in the name of the folder must not cost the time of reading all frames.
+    let run = if args.resume { RunFolder::open(&args.out)? } else { RunFolder::fresh(&args.out)? };
     let config = args.configuration(&run)?;
     config.validate()?;
     let judged_apart = !args.validation.is_empty();
@@ -141,7 +141,8 @@ impl Args {
 fn report(out: &Path, summary: &Summary) -> anyhow::Result<()> {
     let Summary { steps, elapsed_s, scores, best } = summary;
     let rate = *steps as f64 / elapsed_s.max(1e-9);
-    let mut text = format!("{}: {steps} steps in {:.1} minutes, {rate:.2} per second\n", out.display(), elapsed_s / 60.0);
+    let mut text =
+        format!("{}: {steps} steps in {:.1} minutes, {rate:.2} per second\n", out.display(), elapsed_s / 60.0);
     for (name, value) in scores.named() {
         text += &format!("  {name:<15}{value:.5}\n");
     }

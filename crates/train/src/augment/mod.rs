@@ -118,10 +118,8 @@ impl AugmentConfig {
         if let Some((name, value)) = shares.into_iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
             return Err(TrainError::config(format!("augment.{name}"), format!("is {value} but must be from 0 to 1")));
         }
-        let ranges = [
-            ("enlarge", self.enlarge, 1.0..=4.0),
-            ("exposure_stops", f64::from(self.exposure_stops), 0.0..=4.0),
-        ];
+        let ranges =
+            [("enlarge", self.enlarge, 1.0..=4.0), ("exposure_stops", f64::from(self.exposure_stops), 0.0..=4.0)];
         match ranges.into_iter().find(|(_, value, range)| !range.contains(value)) {
             Some((name, value, range)) => {
                 let reason = format!("is {value} but must be from {} to {}", range.start(), range.end());
@@ -261,7 +259,11 @@ mod tests {
 
     #[test]
     fn a_seed_fixes_everything() {
-        let (a, b, c) = (augmented(&AugmentConfig::endo(), 1), augmented(&AugmentConfig::endo(), 1), augmented(&AugmentConfig::endo(), 2));
+        let (a, b, c) = (
+            augmented(&AugmentConfig::endo(), 1),
+            augmented(&AugmentConfig::endo(), 1),
+            augmented(&AugmentConfig::endo(), 2),
+        );
         assert_eq!((a.0[2].motion_input.values(), a.1), (b.0[2].motion_input.values(), b.1));
         assert_ne!(a.0[0].depth_input, c.0[0].depth_input);
     }
@@ -289,7 +291,8 @@ mod tests {
             deformation: 1.0,
             ..AugmentConfig::endo()
         };
-        let only_view = AugmentConfig { enlarge: everything.enlarge, mirror: everything.mirror, ..AugmentConfig::none() };
+        let only_view =
+            AugmentConfig { enlarge: everything.enlarge, mirror: everything.mirror, ..AugmentConfig::none() };
         let (with, without) = (augmented(&everything, 3), augmented(&only_view, 3));
         assert_eq!(with.1, without.1);
         for (with, without) in with.0.iter().zip(&without.0) {

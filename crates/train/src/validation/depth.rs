@@ -18,7 +18,8 @@ impl DepthScore {
     /// Errors over pixels given as (predicted, true) depth, after the prediction is scaled to the same median; `None`
     /// without pixels.
     pub fn of(pixels: &[(f32, f32)]) -> Option<Self> {
-        let scale = median(pixels.iter().map(|(_, truth)| *truth))? / median(pixels.iter().map(|(predicted, _)| *predicted))?;
+        let scale =
+            median(pixels.iter().map(|(_, truth)| *truth))? / median(pixels.iter().map(|(predicted, _)| *predicted))?;
         let scaled = pixels.iter().map(|(predicted, truth)| (f64::from(predicted * scale), f64::from(*truth)));
         let (mut relative, mut near) = (0.0, 0.0);
         for (predicted, truth) in scaled {

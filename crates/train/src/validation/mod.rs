@@ -84,7 +84,8 @@ impl Validator {
         let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
         let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
         for indices in indices.chunks(self.batch) {
-            let items = indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
+            let items =
+                indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
             let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
             let mut prediction = model.predict(&batch, false).prediction;
             prediction.masks.clear();
