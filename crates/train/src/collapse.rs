@@ -1,6 +1,7 @@
 //! Notices when a training has found a way to a low loss that teaches nothing.
 //!
-//! The objective has degenerate minima: a flat depth, a mask that hides everything, a motion that never moves. None of
+//! The objective has degenerate minima: a flat depth, a mask that hides everything, a motion that never moves or that leaves
+//! the view. None of
 //! them comes back by itself, so each is named once, in one sentence, with what usually helps.
 
 use burn::tensor::Tensor;
@@ -46,10 +47,11 @@ enum Collapse {
     Depth,
     Mask,
     Motion,
+    View,
 }
 
 impl Collapse {
-    const ALL: [Self; 3] = [Self::Depth, Self::Mask, Self::Motion];
+    const ALL: [Self; 4] = [Self::Depth, Self::Mask, Self::Motion, Self::View];
 
     fn shows(self, signs: &Signs) -> bool {
         match self {
@@ -57,6 +59,7 @@ impl Collapse {
             Self::Mask => signs.mask < 0.1,
             // At the smallest depth, 0.1, this moves a picture by a hundredth of a pixel.
             Self::Motion => signs.translation < 1e-5 && signs.rotation < 1e-5,
+            Self::View => signs.coverage < 0.02,
         }
     }
 
@@ -73,13 +76,19 @@ impl Collapse {
                 "the predicted motion has become zero; frames farther apart (a larger gap.least or --gap) or a lower \
                  learning_rate usually help"
             }
+            Self::View => {
+                "hardly a pixel of the target is seen by its sources any more; frames nearer to each other (a smaller \
+                 gap.most or --gap) or a lower learning_rate usually help"
+            }
         }
     }
 }
 
-/// [`VitalSigns`] read back.
+/// [`VitalSigns`] read back, with the coverage of the objective.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signs {
+    /// Share of pixels that count in the objective.
+    pub coverage: f32,
     /// See [`VitalSigns::depth_spread`].
     pub depth_spread: f32,
     /// See [`VitalSigns::mask`].
@@ -94,7 +103,7 @@ pub struct Signs {
 #[derive(Clone, Debug, Default)]
 pub struct CollapseWatch {
     /// For each of [`Collapse::ALL`]: how many looks in a row.
-    lasting: [u32; 3],
+    lasting: [u32; 4],
 }
 
 /// Looks in a row before a collapse is believed: the first steps pass through flat depth.
@@ -119,7 +128,7 @@ mod tests {
     use super::*;
     use burn::tensor::Device;
 
-    const HEALTHY: Signs = Signs { depth_spread: 0.4, mask: 0.9, translation: 0.02, rotation: 0.01 };
+    const HEALTHY: Signs = Signs { coverage: 0.8, depth_spread: 0.4, mask: 0.9, translation: 0.02, rotation: 0.01 };
 
     fn told(signs: Signs, looks: u32) -> Vec<&'static str> {
         let mut watch = CollapseWatch::default();
@@ -131,7 +140,8 @@ mod tests {
         let flat = Signs { depth_spread: 0.001, ..HEALTHY };
         let hidden = Signs { mask: 0.02, ..HEALTHY };
         let still = Signs { translation: 1e-7, rotation: 1e-7, ..HEALTHY };
-        for (signs, word) in [(flat, "flat"), (hidden, "mask"), (still, "motion")] {
+        let away = Signs { coverage: 0.001, ..HEALTHY };
+        for (signs, word) in [(flat, "flat"), (hidden, "mask"), (still, "motion"), (away, "seen")] {
             let sentences = told(signs, 100);
             assert!(sentences.len() == 1 && sentences[0].contains(word), "{sentences:?}");
             assert!(told(signs, PATIENCE - 1).is_empty());

@@ -77,6 +77,8 @@ pub struct Metrics {
     pub mask: f32,
     /// Depth disagreement before its weight.
     pub geometry: f32,
+    /// Share of pixels that count.
+    pub coverage: f32,
     /// See [`VitalSigns::depth_spread`].
     pub depth_spread: f32,
     /// See [`VitalSigns::mask`].
@@ -87,12 +89,16 @@ pub struct Metrics {
     pub rotation_rad: f32,
 }
 
+/// Networks that explain a smaller share of the pixels are never the best, however well they explain those.
+const LEAST_COVERAGE: f64 = 0.2;
+
 /// A line of `validation.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct ScoreLine {
     step: u64,
     elapsed_s: f64,
     photometric: f64,
+    coverage: f64,
     depth_abs_rel: Option<f64>,
     depth_d1: Option<f64>,
     ate_m: Option<f64>,
@@ -300,18 +306,19 @@ impl<'a> Session<'a> {
         for (name, value) in figures {
             events.event(Event::Measured { name: name.into(), step: row.step, value });
         }
-        let Metrics { depth_spread, reliability: mask, translation, rotation_rad: rotation, .. } = row;
-        let sentences = self.watch.look(&Signs { depth_spread, mask, translation, rotation });
+        let Metrics { coverage, depth_spread, reliability: mask, translation, rotation_rad: rotation, .. } = row;
+        let sentences = self.watch.look(&Signs { coverage, depth_spread, mask, translation, rotation });
         sentences.into_iter().for_each(|sentence| events.event(Event::Warned(sentence.to_owned())));
         Ok(())
     }
 
     fn metrics_of(&self, taken: &StepTaken) -> Metrics {
-        let LossTerms { photometric, smoothness, mask, geometry, total } = &taken.terms;
+        let LossTerms { photometric, smoothness, mask, geometry, total, coverage } = &taken.terms;
         let signs = VitalSigns::new(&taken.output.prediction, taken.output.motion.clone());
-        let losses = [total, photometric, smoothness, mask, geometry].map(|term| term.clone().detach().inner());
+        let losses =
+            [total, photometric, smoothness, mask, geometry, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
-        // One read-back for all nine.
+        // One read-back for all ten.
         let figures: Vec<f32> = Tensor::cat(losses.into_iter().chain(signs).collect(), 0).into_data().iter().collect();
         let figure = |index: usize| figures.get(index).copied().unwrap_or(f32::NAN);
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
@@ -325,10 +332,11 @@ impl<'a> Session<'a> {
             smoothness: figure(2),
             mask: figure(3),
             geometry: figure(4),
-            depth_spread: figure(5),
-            reliability: figure(6),
-            translation: figure(7),
-            rotation_rad: figure(8),
+            coverage: figure(5),
+            depth_spread: figure(6),
+            reliability: figure(7),
+            translation: figure(8),
+            rotation_rad: figure(9),
         }
     }
 
@@ -336,9 +344,9 @@ impl<'a> Session<'a> {
     fn validate(&mut self, events: &mut dyn EventSink) -> Result<Scores, TrainError> {
         let scores = self.validator.measure(&self.state.model.valid())?;
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
-        let Scores { photometric, depth_abs_rel, depth_d1, ate_m } = scores;
+        let Scores { photometric, coverage, depth_abs_rel, depth_d1, ate_m } = scores;
         if self.state.progress.validated_at != Some(step) {
-            self.scores.add(&ScoreLine { step, elapsed_s, photometric, depth_abs_rel, depth_d1, ate_m })?;
+            self.scores.add(&ScoreLine { step, elapsed_s, photometric, coverage, depth_abs_rel, depth_d1, ate_m })?;
             for (name, value) in scores.named() {
                 events.event(Event::Measured { name: format!("validation_{name}"), step, value });
             }
@@ -348,7 +356,8 @@ impl<'a> Session<'a> {
             Criterion::Photometric => photometric,
             Criterion::Depth => depth_abs_rel.unwrap_or(photometric),
         };
-        if deciding.is_finite() && self.state.progress.best.is_none_or(|best| deciding < best) {
+        let explains_something = coverage >= LEAST_COVERAGE;
+        if explains_something && deciding.is_finite() && self.state.progress.best.is_none_or(|best| deciding < best) {
             self.state.progress.best = Some(deciding);
             let checkpoint =
                 self.state.model.valid().to_checkpoint(self.config.nets.clone(), self.manifest(Some(&scores)));

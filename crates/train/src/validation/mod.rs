@@ -20,11 +20,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use trajectory::score_trajectory;
 
-/// Figures of one validation; lower is better but for `depth_d1`.
+/// Figures of one validation; lower is better but for `coverage` and `depth_d1`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
     /// Photometric loss on snippets as they are, without reliability and auto-masking, which are no way to be better.
     pub photometric: f64,
+    /// Share of the pixels it was measured on: those a source shows.
+    pub coverage: f64,
     /// Mean absolute relative depth error after median scaling per picture.
     pub depth_abs_rel: Option<f64>,
     /// Share of pixels whose depth is within 25 %, after median scaling.
@@ -38,6 +40,7 @@ impl Scores {
     pub fn named(&self) -> BTreeMap<String, f64> {
         let all = [
             ("photometric", Some(self.photometric)),
+            ("coverage", Some(self.coverage)),
             ("depth_abs_rel", self.depth_abs_rel),
             ("depth_d1", self.depth_d1),
             ("ate_m", self.ate_m),
@@ -72,15 +75,18 @@ impl Validator {
         let depth = self.depth(model)?;
         let trajectories: Vec<f64> =
             self.dataset.clips().filter_map(|(clip, gap)| score_trajectory(model, clip, gap, &self.device)).collect();
+        let [photometric, coverage] = self.photometric(model)?;
         Ok(Scores {
-            photometric: self.photometric(model)?,
+            photometric,
+            coverage,
             depth_abs_rel: depth.map(|score| score.abs_rel),
             depth_d1: depth.map(|score| score.d1),
             ate_m: mean(&trajectories),
         })
     }
 
-    fn photometric(&self, model: &DepthMotionModel) -> Result<f64, TrainError> {
+    /// Photometric loss and coverage.
+    fn photometric(&self, model: &DepthMotionModel) -> Result<[f64; 2], TrainError> {
         let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
         let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
         for indices in indices.chunks(self.batch) {
@@ -90,11 +96,12 @@ impl Validator {
             let mut prediction = model.predict(&batch, false).prediction;
             prediction.masks.clear();
             let terms = objective(&batch.views, &prediction, &self.objective);
-            let weighted = terms.photometric * indices.len() as f64;
+            let weighted = Tensor::cat(vec![terms.photometric, terms.coverage], 0) * indices.len() as f64;
             sum = Some(sum.map_or(weighted.clone(), |sum| sum + weighted));
             count += indices.len() as f64;
         }
-        Ok(sum.map_or(f64::NAN, |sum| f64::from(sum.into_scalar::<f32>()) / count))
+        let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
+        Ok([0, 1].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
     }
 
     fn depth(&self, model: &DepthMotionModel) -> Result<Option<DepthScore>, TrainError> {
@@ -136,7 +143,8 @@ mod tests {
 
     #[test]
     fn figures_that_do_not_exist_are_not_named() {
-        let scores = Scores { photometric: 0.2, depth_abs_rel: None, depth_d1: None, ate_m: Some(0.001) };
-        assert_eq!(scores.named().into_keys().collect::<Vec<_>>(), ["ate_m", "photometric"]);
+        let scores =
+            Scores { photometric: 0.2, coverage: 0.9, depth_abs_rel: None, depth_d1: None, ate_m: Some(0.001) };
+        assert_eq!(scores.named().into_keys().collect::<Vec<_>>(), ["ate_m", "coverage", "photometric"]);
     }
 }
