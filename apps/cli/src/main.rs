@@ -2,7 +2,11 @@
 //!
 //! Exit codes: 0 done, 1 the work failed, 2 the call itself was wrong.
 
+// Types of the GPU backends nest deeper than the compiler's default.
+#![recursion_limit = "256"]
+
 mod commands;
+mod device;
 mod input;
 mod progress;
 
@@ -24,6 +28,9 @@ enum Command {
     Convert(commands::convert::Args),
     Devices(commands::devices::Args),
     Eval(commands::eval::Args),
+    Import(commands::import::Args),
+    Export(commands::export::Args),
+    Train(commands::train::Args),
 }
 
 fn main() -> ExitCode {
@@ -33,6 +40,9 @@ fn main() -> ExitCode {
         Command::Convert(args) => commands::convert::run(args),
         Command::Devices(args) => commands::devices::run(args),
         Command::Eval(args) => commands::eval::run(args),
+        Command::Import(args) => commands::import::run(args),
+        Command::Export(args) => commands::export::run(args),
+        Command::Train(args) => commands::train::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

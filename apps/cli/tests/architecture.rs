@@ -9,14 +9,22 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-nets", &["endoscape-core"]),
     ("endoscape-synthesis", &["endoscape-core"]),
+    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
     (
         "endoscape-cli",
-        &["endoscape-core", "endoscape-frames", "endoscape-eval", "endoscape-nets", "endoscape-synthesis"],
+        &[
+            "endoscape-core",
+            "endoscape-frames",
+            "endoscape-eval",
+            "endoscape-nets",
+            "endoscape-synthesis",
+            "endoscape-train",
+        ],
     ),
 ];
 
 /// Crates that may link Burn; all others stay light.
-const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-synthesis"];
+const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
 
 fn packages() -> Vec<serde_json::Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];

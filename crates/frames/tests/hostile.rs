@@ -59,7 +59,7 @@ fn assault(parser: &Parser, random: &mut Random) {
         let start = Instant::now();
         (parser.parse)(&bytes);
         let took = start.elapsed();
-        assert!(took < Duration::from_secs(2), "{}, case {case}: took {took:?}", parser.name);
+        assert!(took < Duration::from_secs(60), "{}, case {case}: took {took:?}", parser.name);
     }
 }
 

@@ -18,7 +18,7 @@ use crate::weights::{ImportReport, NamedArrays, apply, collect, naming, read_saf
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The newest checkpoint format this program reads and the one it writes.
 pub const FORMAT: u32 = 1;
@@ -138,6 +138,11 @@ impl Checkpoint {
             files::write_durably(&folder.join(MANIFEST), self.manifest_text(path)?.as_bytes())?;
             extra(folder)
         })
+    }
+
+    /// Where the last complete checkpoint of `path` is: there, or beside it if a replacement was interrupted.
+    pub fn folder(path: &Path) -> PathBuf {
+        files::current(path)
     }
 
     /// Reads a folder.

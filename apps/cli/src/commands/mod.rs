@@ -3,4 +3,7 @@
 pub mod convert;
 pub mod devices;
 pub mod eval;
+pub mod export;
+pub mod import;
 pub mod inspect;
+pub mod train;

@@ -1,0 +1,80 @@
+//! From snippets in memory to tensors on a device.
+
+use crate::augment::AugmentedFrame;
+use crate::augment::planes::Planes;
+use crate::dataset::Item;
+use crate::error::TrainError;
+use burn::tensor::{Device, Tensor, TensorData};
+use endoscape_core::{Camera, Size};
+use endoscape_nets::SCALES;
+use endoscape_synthesis::config::Scales;
+use endoscape_synthesis::objective::{View, ViewBatch};
+use endoscape_synthesis::{CameraPyramid, ObjectiveConfig, pyramid};
+
+/// Snippets side by side: what the loss compares and what the networks see.
+#[derive(Clone, Debug)]
+pub struct SnippetBatch {
+    /// Pictures, masks and cameras for the loss.
+    pub views: ViewBatch,
+    /// For the depth network: target, then sources in time order, each `[batch, 3, height, width]`, RGB in [-1, 1].
+    pub depth_inputs: Vec<Tensor<4>>,
+    /// For the motion network, in the same order.
+    pub motion_inputs: Vec<Tensor<4>>,
+}
+
+impl SnippetBatch {
+    /// Lays snippets of one size and length side by side.
+    ///
+    /// # Errors
+    /// [`TrainError::Synthesis`] for an empty batch or a camera that does not fit.
+    pub fn new(items: &[Item], objective: &ObjectiveConfig, device: &Device) -> Result<Self, TrainError> {
+        let cameras: Vec<Camera> = items.iter().map(|item| item.camera).collect();
+        let size = cameras.first().map_or(Size::new(0, 0), Camera::size);
+        let levels = match objective.scales {
+            Scales::Full => 1,
+            Scales::Native => SCALES,
+        };
+        let cameras = CameraPyramid::new(&cameras, &pyramid::sizes(size, levels), objective.camera_scaling, device)?;
+        let length = items.first().map_or(0, |item| item.frames.len());
+        let stack = |frame: usize, planes: fn(&AugmentedFrame) -> &Planes| pictures(items, size, frame, planes, device);
+        let view = |frame: usize| View {
+            image: stack(frame, |frame| &frame.original),
+            usable: Some(masks(items, size, frame, device)),
+        };
+        Ok(Self {
+            views: ViewBatch { target: view(0), sources: (1..length).map(view).collect(), cameras },
+            depth_inputs: (0..length).map(|frame| stack(frame, |frame| &frame.depth_input)).collect(),
+            motion_inputs: (0..length).map(|frame| stack(frame, |frame| &frame.motion_input)).collect(),
+        })
+    }
+}
+
+/// The networks' range, [-1, 1], from 0 to 1.
+fn network_range(value: f32) -> f32 {
+    2.0 * value - 1.0
+}
+
+/// One frame of every snippet, `[batch, 3, height, width]`, RGB in [-1, 1].
+fn pictures(
+    items: &[Item],
+    size: Size,
+    frame: usize,
+    planes: fn(&AugmentedFrame) -> &Planes,
+    device: &Device,
+) -> Tensor<4> {
+    let values = items.iter().flat_map(|item| planes(&item.frames[frame]).values().iter().copied().map(network_range));
+    Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [items.len(), 3, size.height, size.width]), device)
+}
+
+fn masks(items: &[Item], size: Size, frame: usize, device: &Device) -> Tensor<4> {
+    let values: Vec<f32> = items.iter().flat_map(|item| item.frames[frame].usable.iter().copied()).collect();
+    Tensor::from_data(TensorData::new(values, [items.len(), 1, size.height, size.width]), device)
+}
+
+/// One picture as the networks take it, `[1, 3, height, width]`, RGB in [-1, 1].
+pub fn network_input(image: &endoscape_core::Image, device: &Device) -> Tensor<4> {
+    let planes = Planes::new(image);
+    let Size { width, height } = planes.size();
+    let values: Vec<f32> = planes.values().iter().copied().map(network_range).collect();
+    Tensor::from_data(TensorData::new(values, [1, 3, height, width]), device)
+}

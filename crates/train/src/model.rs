@@ -1,0 +1,100 @@
+//! Both networks as one module, so that one optimiser moves them together.
+
+use crate::batch::SnippetBatch;
+use crate::error::TrainError;
+use burn::module::{Module, ModuleMapper, Param, ParamId};
+use burn::tensor::Tensor;
+use endoscape_nets::{Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet, Rotation};
+use endoscape_synthesis::{Prediction, source_from_target};
+
+/// The depth and the motion network.
+#[derive(Module, Debug)]
+pub struct DepthMotionModel {
+    /// One picture to disparity.
+    pub disp: DispNet,
+    /// A snippet to motions and reliability.
+    pub pose: PoseMaskNet,
+}
+
+/// What the networks say about a batch, with the parts the trainer looks at.
+pub struct Output {
+    /// For the objective.
+    pub prediction: Prediction,
+    /// `[batch, sources, 6]`.
+    pub motion: Tensor<3>,
+}
+
+impl DepthMotionModel {
+    /// Takes the networks out of a checkpoint that has both.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] if one is missing.
+    pub fn from_checkpoint(checkpoint: Checkpoint) -> Result<Self, TrainError> {
+        let missing = |network: &str| TrainError::config("init", format!("names a checkpoint without a {network}"));
+        let disp = checkpoint.disp.ok_or_else(|| missing("depth network"))?;
+        let pose = checkpoint.pose.ok_or_else(|| missing("motion network"))?;
+        Ok(numbered(Self { disp, pose }))
+    }
+
+    /// A checkpoint of these weights.
+    pub fn to_checkpoint(&self, config: NetsConfig, manifest: Manifest) -> Checkpoint {
+        Checkpoint { config, disp: Some(self.disp.clone()), pose: Some(self.pose.clone()), manifest }
+    }
+
+    /// Runs both networks.
+    ///
+    /// Depth of the sources, which triples the work of the depth network, is predicted only where the objective
+    /// compares it (`with_source_depth`).
+    pub fn predict(&self, batch: &SnippetBatch, with_source_depth: bool) -> Output {
+        let (motion_target, motion_sources) = (&batch.motion_inputs[0], &batch.motion_inputs[1..]);
+        let pose = self.pose.forward(motion_target.clone(), motion_sources);
+        let seen = if with_source_depth { batch.depth_inputs.len() } else { 1 };
+        let mut disparities = self.disparities(&batch.depth_inputs[..seen]).into_iter();
+        let target = disparities.next().unwrap_or_default();
+        let motions = 0..self.pose.sources();
+        let transform = |source: usize| {
+            let motion: Tensor<2> = pose.motion.clone().narrow(1, source, 1).squeeze_dim(1);
+            source_from_target(motion, synthesis_rotation(pose.rotation))
+        };
+        let prediction = Prediction {
+            disparities: target,
+            source_from_target: motions.map(transform).collect(),
+            masks: pose.mask.map_or_else(Vec::new, Vec::from),
+            source_disparities: disparities.collect(),
+        };
+        Output { prediction, motion: pose.motion }
+    }
+
+    /// Disparities of several pictures in one go, each a list of scales.
+    fn disparities(&self, pictures: &[Tensor<4>]) -> Vec<Vec<Tensor<4>>> {
+        let batch = pictures[0].dims()[0];
+        let DisparityPyramid { scales } = self.disp.forward(Tensor::cat(pictures.to_vec(), 0));
+        let part = |index: usize| scales.iter().map(|scale| scale.clone().narrow(0, index * batch, batch)).collect();
+        (0..pictures.len()).map(part).collect()
+    }
+}
+
+/// The same convention under the name view synthesis has for it.
+const fn synthesis_rotation(rotation: Rotation) -> endoscape_synthesis::Rotation {
+    match rotation {
+        Rotation::Euler => endoscape_synthesis::Rotation::Euler,
+        Rotation::Quaternion => endoscape_synthesis::Rotation::Quaternion,
+        Rotation::AxisAngle => endoscape_synthesis::Rotation::AxisAngle,
+    }
+}
+
+/// Numbers the parameters in the order of the module.
+///
+/// The optimiser files its state under parameter numbers, which are random by default: a resumed training would not
+/// find its state again.
+fn numbered(model: DepthMotionModel) -> DepthMotionModel {
+    struct Numbering(u64);
+    impl ModuleMapper for Numbering {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            self.0 += 1;
+            let (_, tensor, mapper) = param.consume();
+            Param::from_mapped_value(ParamId::from(self.0), tensor, mapper)
+        }
+    }
+    model.map(&mut Numbering(0))
+}

@@ -1,0 +1,150 @@
+//! How good the networks are now: photometric always, depth and trajectory where the truth is known.
+
+pub mod depth;
+pub mod trajectory;
+
+use crate::augment::{AugmentConfig, augment};
+use crate::batch::SnippetBatch;
+use crate::clip::ClipFrame;
+use crate::config::TrainConfig;
+use crate::dataset::{Drawn, Item, SnippetDataset};
+use crate::error::TrainError;
+use crate::model::DepthMotionModel;
+use burn::tensor::{Device, Tensor};
+use depth::{DepthScore, score_depth};
+use endoscape_synthesis::{ObjectiveConfig, objective};
+use rand::SeedableRng;
+use rand::rngs::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use trajectory::score_trajectory;
+
+/// Figures of one validation; lower is better but for `coverage` and `depth_d1`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Photometric loss on snippets as they are, without reliability and auto-masking, which are no way to be better.
+    pub photometric: f64,
+    /// Share of the pixels it was measured on: those a source shows.
+    pub coverage: f64,
+    /// Mean absolute relative depth error after median scaling per picture.
+    pub depth_abs_rel: Option<f64>,
+    /// Share of pixels whose depth is within 25 %, after median scaling.
+    pub depth_d1: Option<f64>,
+    /// RMSE of the camera positions after alignment by a similarity, metres; the mean over clips.
+    pub ate_m: Option<f64>,
+}
+
+impl Scores {
+    /// The figures that exist, by name.
+    pub fn named(&self) -> BTreeMap<String, f64> {
+        let all = [
+            ("photometric", Some(self.photometric)),
+            ("coverage", Some(self.coverage)),
+            ("depth_abs_rel", self.depth_abs_rel),
+            ("depth_d1", self.depth_d1),
+            ("ate_m", self.ate_m),
+        ];
+        all.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
+    }
+}
+
+/// Measures networks on fixed data.
+pub struct Validator {
+    dataset: Arc<SnippetDataset>,
+    objective: ObjectiveConfig,
+    batch: usize,
+    snippets: usize,
+    device: Device,
+}
+
+impl Validator {
+    /// Measures on `dataset`, on a device without gradients.
+    pub fn new(dataset: Arc<SnippetDataset>, config: &TrainConfig, device: &Device) -> Self {
+        // Both change with the networks which pixels count, so values before and after would not compare.
+        let objective = ObjectiveConfig { auto_mask: false, geometry_weight: 0.0, ..config.objective.clone() };
+        let (batch, snippets) = (config.batch, config.validation_snippets);
+        Self { dataset, objective, batch, snippets, device: device.clone() }
+    }
+
+    /// Measures `model`, which must live on the same device.
+    ///
+    /// # Errors
+    /// [`TrainError`] if a batch cannot be made.
+    pub fn measure(&self, model: &DepthMotionModel) -> Result<Scores, TrainError> {
+        let depth = self.depth(model)?;
+        let trajectories: Vec<f64> =
+            self.dataset.clips().filter_map(|(clip, gap)| score_trajectory(model, clip, gap, &self.device)).collect();
+        let [photometric, coverage] = self.photometric(model)?;
+        Ok(Scores {
+            photometric,
+            coverage,
+            depth_abs_rel: depth.map(|score| score.abs_rel),
+            depth_d1: depth.map(|score| score.d1),
+            ate_m: mean(&trajectories),
+        })
+    }
+
+    /// Photometric loss and coverage.
+    fn photometric(&self, model: &DepthMotionModel) -> Result<[f64; 2], TrainError> {
+        let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
+        let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
+        for indices in indices.chunks(self.batch) {
+            let items =
+                indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
+            let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
+            let mut prediction = model.predict(&batch, false).prediction;
+            prediction.masks.clear();
+            let terms = objective(&batch.views, &prediction, &self.objective);
+            let weighted = Tensor::cat(vec![terms.photometric, terms.coverage], 0) * indices.len() as f64;
+            sum = Some(sum.map_or(weighted.clone(), |sum| sum + weighted));
+            count += indices.len() as f64;
+        }
+        let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
+        Ok([0, 1].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
+    }
+
+    fn depth(&self, model: &DepthMotionModel) -> Result<Option<DepthScore>, TrainError> {
+        let clips = self.dataset.clips();
+        let frames: Vec<&ClipFrame> =
+            clips.flat_map(|(clip, _)| &clip.frames).filter(|frame| frame.depth.is_some()).collect();
+        let scores: Vec<DepthScore> =
+            frames.into_iter().filter_map(|frame| score_depth(&model.disp, frame, &self.device)).collect();
+        Ok(DepthScore::mean(&scores))
+    }
+}
+
+/// At most `wanted` numbers below `count`, evenly spread.
+fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
+    let taken = wanted.min(count);
+    (0..taken).map(move |index| index * count / taken)
+}
+
+/// A snippet as it is.
+fn plain_item(drawn: &Drawn<'_>) -> Result<Item, TrainError> {
+    let unused = &mut ChaCha8Rng::seed_from_u64(0);
+    let (frames, camera) = augment(&drawn.frames, drawn.camera, &AugmentConfig::none(), unused)?;
+    Ok(Item { frames, camera })
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn validation_snippets_are_spread_over_all() {
+        assert_eq!(spread(10, 4).collect::<Vec<_>>(), [0, 2, 5, 7]);
+        assert_eq!(spread(3, 64).collect::<Vec<_>>(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn figures_that_do_not_exist_are_not_named() {
+        let scores =
+            Scores { photometric: 0.2, coverage: 0.9, depth_abs_rel: None, depth_d1: None, ate_m: Some(0.001) };
+        assert_eq!(scores.named().into_keys().collect::<Vec<_>>(), ["ate_m", "coverage", "photometric"]);
+    }
+}
