@@ -1,8 +1,7 @@
 //! Notices when a training has found a way to a low loss that teaches nothing.
 //!
-//! The objective has degenerate minima: a flat depth, a mask that hides everything, a motion that never moves or that leaves
-//! the view. None of
-//! them comes back by itself, so each is named once, in one sentence, with what usually helps.
+//! The objective has degenerate minima: a flat depth, a mask that hides everything, a motion that never moves or that
+//! leaves the view. None of them comes back by itself, so each is named once, in one sentence, with what usually helps.
 
 use burn::tensor::Tensor;
 use endoscape_synthesis::Prediction;
