@@ -37,7 +37,24 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn devices() -> Vec<Device> {
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let detail = format!("{threads} threads, {}", instruction_sets().join(" "));
-    vec![Device { name: "cpu".into(), available: true, detail }]
+    let cpu = Device { name: "cpu".into(), available: true, detail };
+    std::iter::once(cpu).chain(BACKENDS.iter().map(backend)).collect()
+}
+
+/// The GPU backends and whether this build has them.
+const BACKENDS: &[(&str, bool)] = &[
+    ("cuda", cfg!(feature = "cuda")),
+    ("rocm", cfg!(feature = "rocm")),
+    ("vulkan", cfg!(feature = "vulkan")),
+    ("metal", cfg!(feature = "metal")),
+];
+
+fn backend((name, in_build): &(&str, bool)) -> Device {
+    let detail = match in_build {
+        true => format!("in this build: --device {name}"),
+        false => format!("not in this build: add --features {name}"),
+    };
+    Device { name: (*name).into(), available: *in_build, detail }
 }
 
 /// Vector instructions of the processor that runs this.
