@@ -116,14 +116,15 @@ fn motion_error(clip: &Clip, model: &Checkpoint, scale: f64, device: &Device) ->
 #[test]
 fn a_short_training_comes_closer_to_the_truth() {
     let (start, later) = (recover(1), recover(150));
-    assert!(later.photometric < 0.7 * start.photometric, "{start:?} {later:?}");
-    assert!(later.translation < 0.8 * start.translation, "{start:?} {later:?}");
+    assert!(later.photometric < 0.5 * start.photometric, "{start:?} {later:?}");
+    assert!(later.translation < 0.95 * start.translation, "{start:?} {later:?}");
+    assert!(later.rotation < 0.95 * start.rotation, "{start:?} {later:?}");
 }
 
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes many minutes; OVERFIT_STEPS sets how long"]
 fn a_tube_is_recovered_up_to_one_scale() {
-    let steps = std::env::var("OVERFIT_STEPS").map_or(4000, |steps| steps.parse().unwrap());
+    let steps = std::env::var("OVERFIT_STEPS").map_or(8000, |steps| steps.parse().unwrap());
     let recovered = recover(steps);
     assert!(recovered.depth < 0.05 && recovered.translation < 0.05 && recovered.rotation < 0.05, "{recovered:?}");
 }
