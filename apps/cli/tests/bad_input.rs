@@ -1,5 +1,12 @@
 //! Whatever is wrong with an input: exit code 1, one sentence, nothing written.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 use common::{copy, fail, tube};
 use std::fs;

@@ -1,5 +1,12 @@
 //! `endoscape convert`: what is written reads back the same, and nothing is left of a failure.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 use common::{endoscape, fail, json, root, sentence, shared, succeed, tube};
 use endoscape_core::{CameraModel, Size};

@@ -1,5 +1,12 @@
 //! `endoscape inspect` on our own fixture and, where it is present, on real data.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 use common::{copy, fail, json, shared, succeed, tube};
 

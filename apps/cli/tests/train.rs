@@ -1,5 +1,12 @@
 //! Training as a user runs it: killed, resumed, and refused.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 use common::{fail, succeed, tube};
 use std::fs;

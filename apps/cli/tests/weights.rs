@@ -1,5 +1,12 @@
 //! `endoscape import` and `endoscape export` on the repository's own golden weights.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 use common::{fail, root, succeed};
 

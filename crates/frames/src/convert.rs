@@ -64,7 +64,10 @@ pub fn convert(
     let mut source = sequence.open_frames(range.clone())?;
     let mut frames = 0;
     while let Some(frame) = source.next_frame()? {
-        if (frame.index - range.start) % options.every != 0 {
+        if frame.index >= range.end {
+            break;
+        }
+        if frame.index < range.start || (frame.index - range.start) % options.every != 0 {
             continue;
         }
         write_one(sequence, &frame, &path, field_of_view.as_ref(), &mut writer)?;
@@ -77,11 +80,16 @@ pub fn convert(
 }
 
 fn positions(sequence: &Sequence, options: &ConvertOptions) -> Result<Range<usize>, FramesError> {
-    let total = sequence.frames.len();
-    let range = options.range.clone().unwrap_or(0..total);
     if options.every == 0 {
         return Err(request("every 0th frame is no frame at all", "give --every 1 or more"));
     }
+    if sequence.is_live() {
+        let bounded = options.range.clone().filter(|range| range.start < range.end);
+        return bounded
+            .ok_or_else(|| request("a live input has no last frame", "say how many to take, such as --range 0..300"));
+    }
+    let total = sequence.frames.len();
+    let range = options.range.clone().unwrap_or(0..total);
     if range.start >= range.end || range.end > total {
         let what = format!("frames {}..{} do not exist in {total} frames", range.start, range.end);
         return Err(request(&what, "give a range A..B with A below B and B at most the number of frames"));
@@ -178,17 +186,19 @@ fn write_one(
     field_of_view: Option<&FieldOfView>,
     writer: &mut Writer,
 ) -> Result<(), FramesError> {
-    let Some(entry) = sequence.frames.get(frame.index) else { return Ok(()) };
+    // Frames of a live input have no entry and bring nothing but their picture and time.
+    let entry = sequence.frames.get(frame.index);
     let usable = both(frame.usable.as_deref(), field_of_view.map(|found| &found.mask));
     let (image, mask) = (path.image(&frame.image)?, path.mask(usable.as_ref())?);
-    let depth = sequence.read_depth(frame.index)?.map(|depth| path.depth(&depth)).transpose()?;
+    let depth = if entry.is_some() { sequence.read_depth(frame.index)? } else { None };
+    let depth = depth.map(|depth| path.depth(&depth)).transpose()?;
     writer.write_frame(&WrittenFrame {
-        number: entry.number,
-        time_s: entry.time_s,
+        number: entry.map_or(frame.index, |entry| entry.number),
+        time_s: entry.map_or(frame.time_s, |entry| entry.time_s),
         image: &image,
         depth: depth.as_ref(),
         mask: mask.as_ref(),
-        world_from_camera: entry.world_from_camera,
+        world_from_camera: entry.and_then(|entry| entry.world_from_camera),
     })
 }
 

@@ -201,5 +201,4 @@ fn scan(path: &Path, size: Size, camera: &Camera, camera_from_velodyne: &Pose) -
 }
 
 #[cfg(test)]
-#[path = "depth_tests.rs"]
 mod tests;

@@ -156,5 +156,4 @@ fn write(path: &Path, bytes: &[u8], size: Size, color: ExtendedColorType) -> Res
 }
 
 #[cfg(test)]
-#[path = "picture_tests.rs"]
 mod tests;

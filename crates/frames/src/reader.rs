@@ -264,5 +264,4 @@ impl<Source: FrameSource> FrameSource for Dressed<Source> {
 }
 
 #[cfg(test)]
-#[path = "reader_tests.rs"]
 mod tests;

@@ -323,5 +323,4 @@ fn unspool(path: &Path, size: Size) -> Result<DepthMap, FramesError> {
 }
 
 #[cfg(test)]
-#[path = "sequence_folder_tests.rs"]
 mod tests;

@@ -78,13 +78,13 @@ impl Pyramid {
 
     /// Where the patch around `start` (finest level) is in another picture.
     fn find_in(&self, other: &Self, start: Point2<f64>) -> Option<Point2<f64>> {
-        let mut shift = Vector2::zeros();
+        let mut shift = Vector2::<f64>::zeros();
         for level in (0..self.levels.len()).rev() {
             let factor = f64::from(1_u32 << level);
             let at = Point2::from(start.coords.add_scalar(0.5) / factor - Vector2::repeat(0.5));
             let reach = SEARCH[usize::from(level < LEVELS)];
             let (x, y) = (at.x.round() as isize, at.y.round() as isize);
-            let guess = ((shift.x as f64).round() as isize, (shift.y as f64).round() as isize);
+            let guess = (shift.x.round() as isize, shift.y.round() as isize);
             let found = best_match(&self.levels[level], &other.levels[level], (x, y), guess, reach)?;
             shift = if level == 0 { found } else { found * 2.0 };
         }

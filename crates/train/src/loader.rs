@@ -1,7 +1,7 @@
 //! Batches made ahead by a few threads, handed out in order.
 //!
 //! Thread `k` of `n` makes the batches of steps `k`, `k + n`, `k + 2n`, and the steps are collected in turn, so the order
-//! never depends on which thread is faster. Each thread keeps at most [`AHEAD`] batches ready: memory is bounded.
+//! never depends on which thread is faster. Each thread keeps at most `AHEAD` batches ready: memory is bounded.
 
 use crate::batch::SnippetBatch;
 use crate::dataset::{DrawPlan, SnippetDataset};

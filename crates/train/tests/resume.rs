@@ -1,5 +1,12 @@
 //! A run that is interrupted and resumed ends in the same bits as one that is not.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
 mod common;
 
 use burn::tensor::Device;

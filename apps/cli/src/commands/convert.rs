@@ -36,12 +36,13 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let sequence = args.input.open_assuming(args.hfov)?;
-    let total = sequence.frames.len();
+    // An open end means the last frame, which only a live input does not have.
+    let last = sequence.frames.len();
     let options = ConvertOptions {
         rectify: args.rectify,
         horizontal_fov_rad: args.hfov.map(f64::to_radians),
         size: args.size,
-        range: args.range.clone().map(|range| range.start..if range.end == usize::MAX { total } else { range.end }),
+        range: args.range.clone().map(|range| range.start..if range.end == usize::MAX { last } else { range.end }),
         every: args.every as usize,
     };
     let mut progress = Progress::new();

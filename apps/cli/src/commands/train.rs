@@ -146,6 +146,6 @@ fn report(out: &Path, summary: &Summary) -> anyhow::Result<()> {
     for (name, value) in scores.named() {
         text += &format!("  {name:<15}{value:.5}\n");
     }
-    write!(std::io::stdout(), "{text}  best checkpoint {}\n", best.display())?;
+    writeln!(std::io::stdout(), "{text}  best checkpoint {}", best.display())?;
     Ok(())
 }

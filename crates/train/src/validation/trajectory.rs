@@ -71,7 +71,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn points() -> Vec<Vector3<f64>> {
-        (0..12).map(|i| f64::from(i)).map(|t| Vector3::new(t.sin(), 0.3 * t, (0.7 * t).cos())).collect()
+        (0..12).map(f64::from).map(|t| Vector3::new(t.sin(), 0.3 * t, (0.7 * t).cos())).collect()
     }
 
     proptest! {
