@@ -148,8 +148,15 @@ impl Rectifier {
         self.check("picture", image.size())?;
         let mut rgb = vec![0; 3 * self.to.area()];
         let (source, stride) = (image.rgb(), 3 * self.from.width);
-        let rows = rgb.par_chunks_mut(3 * self.to.width).zip(self.taps.par_chunks(self.to.width));
-        rows.for_each(|(out, taps)| remap_row(out, taps, source, stride));
+        let width = self.to.width;
+        if rayon::current_num_threads() == 1 {
+            // Handing a millisecond of work to the only worker and waiting for it costs more than it brings.
+            let rows = rgb.chunks_mut(3 * width).zip(self.taps.chunks(width));
+            rows.for_each(|(out, taps)| remap_row(out, taps, source, stride));
+        } else {
+            let rows = rgb.par_chunks_mut(3 * width).zip(self.taps.par_chunks(width));
+            rows.for_each(|(out, taps)| remap_row(out, taps, source, stride));
+        }
         // The memory was made for this size, so it cannot be refused.
         Image::new(self.to, rgb).map_err(|_| self.mismatch("picture", image.size()))
     }
