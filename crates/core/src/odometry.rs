@@ -6,8 +6,9 @@ use thiserror::Error;
 /// Where the camera is after one more observation.
 #[derive(Clone, Debug)]
 pub struct Tracked {
-    /// Pose in the frame of the first observation, in the method's own length unit; `None` when the method has lost
-    /// track or has not started yet. A frame is reported either way: nothing is dropped in silence.
+    /// Pose in the frame of the first observation, in the method's own length unit; a method with a reference outside
+    /// the capsule gives it in that reference's world, in metres. `None` when the method has lost track or has not
+    /// started yet. A frame is reported either way: nothing is dropped in silence.
     pub world_from_camera: Option<Pose>,
     /// Trust in this pose, from 0 (a guess) to 1.
     pub confidence: f64,
