@@ -8,6 +8,7 @@
 mod commands;
 mod device;
 mod input;
+mod memory;
 mod progress;
 
 use clap::{Parser, Subcommand};
@@ -31,6 +32,9 @@ enum Command {
     Import(commands::import::Args),
     Export(commands::export::Args),
     Train(commands::train::Args),
+    Run(commands::run::Args),
+    Depth(commands::depth::Args),
+    Motion(commands::motion::Args),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +47,9 @@ fn main() -> ExitCode {
         Command::Import(args) => commands::import::run(args),
         Command::Export(args) => commands::export::run(args),
         Command::Train(args) => commands::train::run(args),
+        Command::Run(args) => commands::run::run(args),
+        Command::Depth(args) => commands::depth::run(args),
+        Command::Motion(args) => commands::motion::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
