@@ -31,6 +31,8 @@ enum Command {
     Import(commands::import::Args),
     Export(commands::export::Args),
     Train(commands::train::Args),
+    Compare(Box<commands::compare::Args>),
+    Report(commands::report::Args),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +45,8 @@ fn main() -> ExitCode {
         Command::Import(args) => commands::import::run(args),
         Command::Export(args) => commands::export::run(args),
         Command::Train(args) => commands::train::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::Report(args) => commands::report::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

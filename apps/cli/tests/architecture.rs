@@ -17,6 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-nets", &["endoscape-core"]),
     ("endoscape-synthesis", &["endoscape-core"]),
     ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
+    ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     (
         "endoscape-cli",
         &[
@@ -24,6 +25,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-frames",
             "endoscape-eval",
             "endoscape-nets",
+            "endoscape-report",
             "endoscape-synthesis",
             "endoscape-train",
         ],

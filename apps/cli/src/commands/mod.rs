@@ -1,9 +1,11 @@
 //! One module per command: its arguments and what it does.
 
+pub mod compare;
 pub mod convert;
 pub mod devices;
 pub mod eval;
 pub mod export;
 pub mod import;
 pub mod inspect;
+pub mod report;
 pub mod train;
