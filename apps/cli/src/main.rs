@@ -35,6 +35,8 @@ enum Command {
     Run(commands::run::Args),
     Depth(commands::depth::Args),
     Motion(commands::motion::Args),
+    Compare(Box<commands::compare::Args>),
+    Report(commands::report::Args),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +52,8 @@ fn main() -> ExitCode {
         Command::Run(args) => commands::run::run(args),
         Command::Depth(args) => commands::depth::run(args),
         Command::Motion(args) => commands::motion::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::Report(args) => commands::report::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -18,6 +18,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-synthesis", &["endoscape-core"]),
     ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
+    ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     (
         "endoscape-cli",
         &[
@@ -26,6 +27,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-eval",
             "endoscape-nets",
             "endoscape-odometry",
+            "endoscape-report",
             "endoscape-synthesis",
             "endoscape-train",
         ],

@@ -1,5 +1,6 @@
 //! One module per command: its arguments and what it does.
 
+pub mod compare;
 pub mod convert;
 pub mod depth;
 pub mod devices;
@@ -9,4 +10,5 @@ pub mod import;
 pub mod inspect;
 pub mod motion;
 pub mod run;
+pub mod report;
 pub mod train;
