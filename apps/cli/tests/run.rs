@@ -73,7 +73,7 @@ fn a_model_runs_and_its_results_can_be_evaluated() {
     assert!(summary["depth"]["unit_per_step"].as_f64().unwrap() > 0.0);
     assert_eq!(summary["depth"]["camera"]["width"], 64);
     assert_complete(&out, FRAMES);
-    assert_eq!((files(&out, "depth"), files(&out, "reliability")), (FRAMES, FRAMES - 1));
+    assert_eq!((files(&out, "depth"), files(&out, "reliability")), (FRAMES, FRAMES));
     let written: Value = serde_json::from_slice(&fs::read(format!("{out}/run.json")).unwrap()).unwrap();
     assert_eq!(written, summary);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "drafts were left behind");
@@ -147,7 +147,8 @@ fn spoilt_frames_get_a_pose_a_low_confidence_and_a_warning() {
         assert!(warning.contains(word), "{word} is not in: {warning}");
     }
     for index in [0, 1, 2, 4, 6, 8, 10] {
-        assert_eq!(rows[index][5], "", "frame {index}");
+        let flaws = ["black", "over-exposed", "repeat", "png"];
+        assert!(flaws.iter().all(|flaw| !rows[index][5].contains(flaw)), "frame {index}: {}", rows[index][5]);
     }
     let lost: Vec<u64> = summary["lost_frames"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).collect();
     assert!([3, 5, 7, 9].iter().all(|frame| lost.contains(frame)), "{lost:?}");

@@ -10,7 +10,7 @@ use crate::config::OdometryConfig;
 use crate::confidence::likeness;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
-use crate::networks::{DepthNetwork, MotionNetwork, Motions};
+use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
 use crate::reproject::{LATTICE, Moved, Reprojector, bilinear};
 use crate::scale::{Scale, ratio};
 use crate::OdometryError;
@@ -29,14 +29,16 @@ const NAME: &str = "learned";
 /// Brightness of pixels that carry texture: above the black border of endoscopes, below highlights.
 const TEXTURED: std::ops::RangeInclusive<f32> = 12.0..=250.0;
 
+/// What a frame of low confidence is told with.
+const DOUBTFUL: &str = "the picture hardly fits the motion that was found, so the pose is doubtful";
+
 /// A picture that has moved by less than this share of the trained displacement has not moved as far as anybody can
 /// tell: half a pixel of the thumbnail for the usual 0.02.
 const STILL: f64 = 0.25;
 
 /// Depth of single frames.
-#[derive(Clone, Debug)]
 pub struct LearnedDepth {
-    network: DepthNetwork,
+    network: Box<dyn DepthModel>,
     size: Size,
 }
 
@@ -46,7 +48,7 @@ impl LearnedDepth {
     /// # Errors
     /// [`OdometryError::Incomplete`] without a depth network.
     pub fn new(checkpoint: &Checkpoint, size: Size, device: &Device) -> Result<Self, OdometryError> {
-        Ok(Self { network: DepthNetwork::new(checkpoint.disp.clone(), device)?, size })
+        Ok(Self { network: Box::new(DepthNetwork::new(checkpoint.disp.clone(), device)?), size })
     }
 
     /// Depth of a picture at the networks' size, in their unit.
@@ -77,10 +79,9 @@ fn enlarged(depth: &DepthMap, size: Size) -> DepthMap {
 }
 
 /// Poses and depth of the frames of one stream, in time order.
-#[derive(Debug)]
 pub struct LearnedOdometry {
     depth: LearnedDepth,
-    motion: MotionNetwork,
+    motion: Box<dyn MotionModel>,
     config: OdometryConfig,
     lens: Option<Lens>,
     history: Option<History>,
@@ -126,10 +127,24 @@ impl LearnedOdometry {
     /// # Errors
     /// [`OdometryError`] for an impossible configuration or a missing network.
     pub fn new(checkpoint: Checkpoint, config: OdometryConfig, device: &Device) -> Result<Self, OdometryError> {
+        let depth = DepthNetwork::new(checkpoint.disp, device)?;
+        let motion = MotionNetwork::new(checkpoint.pose, device)?;
+        Self::from_models(Box::new(depth), Box::new(motion), config)
+    }
+
+    /// Takes any two models.
+    ///
+    /// # Errors
+    /// [`OdometryError::Setting`] for an impossible configuration.
+    pub fn from_models(
+        depth: Box<dyn DepthModel>,
+        motion: Box<dyn MotionModel>,
+        config: OdometryConfig,
+    ) -> Result<Self, OdometryError> {
         config.validate()?;
         Ok(Self {
-            depth: LearnedDepth::new(&checkpoint, config.size, device)?,
-            motion: MotionNetwork::new(checkpoint.pose, device)?,
+            depth: LearnedDepth { network: depth, size: config.size },
+            motion,
             config,
             lens: None,
             history: None,
@@ -206,12 +221,16 @@ impl LearnedOdometry {
         let view = present.view(self.path.pose());
         let keyframe = present.keyframe(view, Scale::default());
         let OdometryConfig { fixed_gap, least_displacement, .. } = self.config;
-        self.history = Some(History::new(keyframe, Spacing { side: self.motion.side(), fixed_gap, least_displacement }));
+        let side = self.motion.side();
+        self.history = Some(History::new(keyframe, Spacing { side, fixed_gap, least_displacement }));
+        // Nothing but the frame itself is there to fill a window with; only the reliability of its pixels is used.
+        let motions = self.motion.motions(&present.image, &vec![present.image.as_ref(); 2 * side]);
+        self.clock.lap("motion");
         Tracked {
             world_from_camera: Some(self.path.pose()),
             confidence: 1.0,
             depth: Some(DepthMap::new(present.depth.as_ref().clone())),
-            reliability: None,
+            reliability: motions.reliability,
             warning: None,
         }
     }
@@ -288,16 +307,18 @@ impl LearnedOdometry {
         let view = present.view(world_from_camera);
         let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale));
         history.remember(view, keyframe);
+        let confidence = likeness * self.agreement;
         Tracked {
             world_from_camera: Some(world_from_camera),
-            confidence: likeness * self.agreement,
+            confidence,
             depth: Some(DepthMap::new(present.depth.map(|depth| depth * scale.factor() as f32))),
             reliability,
-            warning: None,
+            warning: (confidence < self.config.lost_below).then(|| DOUBTFUL.to_owned()),
         }
     }
 
-    /// Compares the frame with its anchor; without a camera nothing can be compared.
+    /// Compares the frame with its anchor. Without a camera nothing can be compared, and reliability stays where the
+    /// anchor sees it.
     fn compare(
         &self,
         anchor: &Keyframe,

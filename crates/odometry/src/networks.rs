@@ -1,4 +1,7 @@
 //! The two networks behind plain pictures, depth maps and poses.
+//!
+//! [`DepthModel`] and [`MotionModel`] are all that [`LearnedOdometry`](crate::LearnedOdometry) knows of a network, so
+//! that it can be tested with models that know the truth, and used with others.
 
 use crate::OdometryError;
 use burn::tensor::{Device, Tensor};
@@ -6,6 +9,24 @@ use endoscape_core::{DepthMap, Grid, Image, Pose, Size};
 use endoscape_nets::{DispNet, Network, PoseMaskNet, network_input};
 
 /// Sees depth in a single picture.
+pub trait DepthModel {
+    /// Depth of every pixel along the optical axis, in the model's unit for this picture, of the picture's size.
+    fn depth(&self, image: &Image) -> DepthMap;
+}
+
+/// Sees motion between pictures.
+pub trait MotionModel {
+    /// Sources on each side of the target.
+    fn side(&self) -> usize;
+
+    /// Motions of a window: the target, then twice [`MotionModel::side`] sources in time order, all of one size.
+    ///
+    /// # Panics
+    /// If the number of sources is another.
+    fn motions(&self, target: &Image, sources: &[&Image]) -> Motions;
+}
+
+/// [`DispNet`] as a [`DepthModel`].
 #[derive(Clone, Debug)]
 pub struct DepthNetwork {
     net: DispNet,
@@ -21,22 +42,23 @@ impl DepthNetwork {
         let net = net.ok_or(OdometryError::Incomplete(Network::Disp))?;
         Ok(Self { net, device: device.clone() })
     }
+}
 
-    /// Depth of every pixel in the networks' unit, of the picture's size; what is not finite becomes unknown.
-    pub fn depth(&self, image: &Image) -> DepthMap {
+impl DepthModel for DepthNetwork {
+    fn depth(&self, image: &Image) -> DepthMap {
         let depth = self.net.forward(network_input(image, &self.device)).depth(0);
         DepthMap::new(to_grid(image.size(), depth))
     }
 }
 
-/// Sees motion between pictures.
+/// [`PoseMaskNet`] as a [`MotionModel`].
 #[derive(Clone, Debug)]
 pub struct MotionNetwork {
     net: PoseMaskNet,
     device: Device,
 }
 
-/// What [`MotionNetwork`] says about a window.
+/// What a [`MotionModel`] says about a window.
 #[derive(Clone, Debug)]
 pub struct Motions {
     /// Of each source in time order; translation in the unit of the target's depth.
@@ -54,17 +76,14 @@ impl MotionNetwork {
         let net = net.ok_or(OdometryError::Incomplete(Network::Pose))?;
         Ok(Self { net, device: device.clone() })
     }
+}
 
-    /// Sources on each side of the target.
-    pub fn side(&self) -> usize {
+impl MotionModel for MotionNetwork {
+    fn side(&self) -> usize {
         self.net.sources() / 2
     }
 
-    /// Motions of a window: the target, then its sources in time order, all of one size.
-    ///
-    /// # Panics
-    /// If the number of pictures is not that of the network's snippets.
-    pub fn motions(&self, target: &Image, sources: &[&Image]) -> Motions {
+    fn motions(&self, target: &Image, sources: &[&Image]) -> Motions {
         let input = |image: &Image| network_input(image, &self.device);
         let seen = self.net.forward(input(target), &sources.iter().map(|image| input(image)).collect::<Vec<_>>());
         let numbers: Vec<f64> = seen.motion.into_data().iter::<f32>().map(f64::from).collect();

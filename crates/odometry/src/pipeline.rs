@@ -155,7 +155,7 @@ impl Walk<'_> {
         mut failure: Option<FramesError>,
         begun: Instant,
     ) -> Result<Account, OdometryError> {
-        if self.account.latency.stages_ms().is_empty() {
+        if self.account.frames == 0 {
             let first = failure.map_or_else(|| "nothing came".to_owned(), |error| error.to_string());
             return Err(OdometryError::NoFrame { input: self.job.sequence.root.display().to_string(), first });
         }
@@ -176,7 +176,7 @@ impl Walk<'_> {
         while self.next < position && !self.job.sequence.is_live() {
             let reason = failure.take().map_or_else(|| "the frame does not decode".to_owned(), |error| error.to_string());
             let time_s = self.job.sequence.frames.get(self.next).map_or(0.0, |entry| entry.time_s);
-            self.answer(self.next, time_s, unseen(format!("{reason}, so the pose is repeated")), Duration::ZERO)?;
+            self.answer(self.next, time_s, unseen(format!("the pose is repeated: {reason}")), Duration::ZERO)?;
         }
         self.next = position;
         *failure = None;

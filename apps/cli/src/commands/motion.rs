@@ -8,7 +8,7 @@ use endoscape_frames::picture;
 use endoscape_frames::preprocess::resize;
 use endoscape_nets::Checkpoint;
 use endoscape_odometry::OdometryConfig;
-use endoscape_odometry::networks::MotionNetwork;
+use endoscape_odometry::networks::{MotionModel as _, MotionNetwork};
 use endoscape_train::model_folder;
 use serde::Serialize;
 use std::io::Write as _;
