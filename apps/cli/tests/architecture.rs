@@ -14,9 +14,13 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-core", &[]),
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
-    ("endoscape-nets", &["endoscape-core"]),
-    ("endoscape-synthesis", &["endoscape-core"]),
-    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
+    ("endoscape-kernels", &[]),
+    ("endoscape-nets", &["endoscape-core", "endoscape-kernels"]),
+    ("endoscape-synthesis", &["endoscape-core", "endoscape-kernels"]),
+    (
+        "endoscape-train",
+        &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
+    ),
     (
         "endoscape-cli",
         &[

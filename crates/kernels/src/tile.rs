@@ -22,6 +22,12 @@ fn load<S: Simd, const N: usize>(simd: S, values: &[f32], at: usize) -> [S::f32s
     loaded
 }
 
+/// No sums yet.
+#[inline(always)]
+pub fn zero<S: Simd, const M: usize, const N: usize>(simd: S) -> Sums<S, M, N> {
+    [[simd.splat_f32s(0.0); N]; M]
+}
+
 #[inline(always)]
 fn add_products<S: Simd, const M: usize, const N: usize>(
     simd: S,
@@ -46,7 +52,7 @@ pub fn correlate<S: Simd, const M: usize, const N: usize>(
     taps: &[usize],
     weights: &[[f32; M]],
 ) -> Sums<S, M, N> {
-    let mut sums = [[simd.splat_f32s(0.0); N]; M];
+    let mut sums = zero::<S, M, N>(simd);
     for (channel, weights) in weights.chunks_exact(taps.len().max(1)).enumerate() {
         let plane = &source[channel * channel_stride..];
         for (&tap, weights) in taps.iter().zip(weights) {
@@ -70,21 +76,21 @@ pub struct Lines {
     pub column_stride: usize,
 }
 
-/// `sums[m][j] = sum_{row, column} gradients[row][column][m] * source[row * row_stride + column * column_stride + j]`.
+/// Adds `sum_{row, column} gradients[row][column][m] * source[row * row_stride + column * column_stride + j]` to
+/// `sums[m][j]`.
 #[inline(always)]
-pub fn outer<S: Simd, const M: usize, const N: usize>(
+pub fn add_outer<S: Simd, const M: usize, const N: usize>(
     simd: S,
+    sums: &mut Sums<S, M, N>,
     source: &[f32],
     lines: Lines,
     gradients: &[[f32; M]],
-) -> Sums<S, M, N> {
-    let mut sums = [[simd.splat_f32s(0.0); N]; M];
+) {
     for (row, gradients) in gradients.chunks_exact(lines.columns).take(lines.rows).enumerate() {
         let line = &source[row * lines.row_stride..];
         for (column, gradients) in gradients.iter().enumerate() {
             let vectors = load(simd, line, column * lines.column_stride);
-            add_products(simd, &mut sums, gradients, vectors);
+            add_products(simd, sums, gradients, vectors);
         }
     }
-    sums
 }

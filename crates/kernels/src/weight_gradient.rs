@@ -19,6 +19,8 @@ const SLACK: usize = 256;
 const WINDOW: usize = 64 * 1024;
 /// Up to this many weights, pieces of the batch are summed apart and then together; beyond, panels are the pieces.
 const FEW_WEIGHTS: usize = 128 * 1024;
+/// Panels that read the same pixels one after the other, where panels are the pieces.
+const PANELS_PER_TASK: usize = 4;
 /// Pieces of the batch to aim at.
 const PIECES: usize = 16;
 
@@ -59,10 +61,9 @@ pub fn weight_gradient(
         let parts = workspace.sums.par_chunks_mut(geometry.weights()).zip(pieces);
         parts.for_each(|(sums, piece)| work.add(&[piece], 0..geometry.small_channels, sums));
     } else {
-        let width = level.panel_widths()[0];
-        let of_a_channel = geometry.weights() / geometry.small_channels;
-        workspace.sums.par_chunks_mut(width * of_a_channel).enumerate().for_each(|(panel, sums)| {
-            let channels = panel * width..((panel + 1) * width).min(geometry.small_channels);
+        let width = PANELS_PER_TASK * level.panel_widths()[0];
+        workspace.sums.par_chunks_mut(width * work.of_a_channel()).enumerate().for_each(|(task, sums)| {
+            let channels = task * width..((task + 1) * width).min(geometry.small_channels);
             work.add(&work.all_rows(batch), channels, sums);
         });
     }
@@ -164,58 +165,75 @@ impl Work<'_> {
     /// Writes the sums over `pieces` for some output channels, `[channel][kernel row][kernel column][large channel]`.
     fn add(&self, pieces: &[Piece], channels: Range<usize>, sums: &mut [f32]) {
         sums.fill(0.0);
-        let run = (self.interleaved.row_stride * self.geometry.stride).max(1);
-        let step = (WINDOW / run).max(1);
         let mut gradients = Vec::new();
-        for piece in pieces {
-            for first in piece.rows.clone().step_by(step) {
-                let rows = first..(first + step).min(piece.rows.end);
-                let part = Piece { picture: piece.picture, rows };
-                self.add_part(&part, channels.clone(), &mut gradients, sums);
+        for window in self.windows(pieces) {
+            for (panels, width) in self.panels(channels.clone()) {
+                let pixels = self.gather(&window, panels.clone(), width, &mut gradients);
+                let first = (panels.start - channels.start) * self.of_a_channel();
+                let sums = &mut sums[first..][..panels.len() * self.of_a_channel()];
+                self.level.run(Panels { work: self, window: &window, width, pixels, gradients: &gradients, sums });
             }
         }
     }
 
-    fn add_part(&self, part: &Piece, channels: Range<usize>, gradients: &mut Vec<f32>, sums: &mut [f32]) {
-        let of_a_channel = self.geometry.weights() / self.geometry.small_channels;
-        let widths = self.level.panel_widths();
-        let mut channel = channels.start;
-        while channel < channels.end {
-            let left = channels.end - channel;
-            let width = *widths.iter().rev().find(|width| **width >= left).unwrap_or(&widths[0]);
-            let panel = channel..channel + width.min(left);
-            self.gather(part, panel.clone(), width, gradients);
-            let sums = &mut sums[(channel - channels.start) * of_a_channel..][..panel.len() * of_a_channel];
-            self.level.run(Panel { work: self, part, width, gradients, sums });
-            channel += width;
+    /// What is gone through at a time: all pieces where there are many weights, which are then written once, else as
+    /// many rows as the cache holds.
+    fn windows(&self, pieces: &[Piece]) -> Vec<Vec<Piece>> {
+        if self.geometry.weights() > FEW_WEIGHTS {
+            return vec![pieces.to_vec()];
         }
+        let step = (WINDOW / (self.interleaved.row_stride * self.geometry.stride).max(1)).max(1);
+        let parts = |piece: &Piece| {
+            let (picture, end) = (piece.picture, piece.rows.end);
+            let part = move |first: usize| vec![Piece { picture, rows: first..(first + step).min(end) }];
+            piece.rows.clone().step_by(step).map(part).collect::<Vec<_>>()
+        };
+        pieces.iter().flat_map(parts).collect()
     }
 
-    /// Gradients of a panel, `[pixel][channel]`; zero beyond the last channel.
-    fn gather(&self, part: &Piece, panel: Range<usize>, width: usize, gradients: &mut Vec<f32>) {
+    /// Output channels in panels of the widest width, and what is left in a narrower one.
+    fn panels(&self, channels: Range<usize>) -> Vec<(Range<usize>, usize)> {
+        let widths = self.level.panel_widths();
+        let whole = channels.start + channels.len() / widths[0] * widths[0];
+        let left = channels.end - whole;
+        let narrow = *widths.iter().rev().find(|width| **width >= left).unwrap_or(&widths[0]);
+        let parts = [(channels.start..whole, widths[0]), (whole..channels.end, narrow)];
+        parts.into_iter().filter(|(channels, _)| !channels.is_empty()).collect()
+    }
+
+    /// Gradients of panels, `[panel][pixel][channel]`, zero beyond the last channel; returns the number of pixels.
+    fn gather(&self, window: &[Piece], panels: Range<usize>, width: usize, gradients: &mut Vec<f32>) -> usize {
         let [height, columns] = self.geometry.small;
-        let pixels = part.rows.len() * columns;
+        let pixels: usize = window.iter().map(|piece| piece.rows.len() * columns).sum();
         gradients.clear();
-        gradients.resize(pixels * width, 0.0);
-        for (place, channel) in panel.enumerate() {
-            let plane = (part.picture * self.geometry.small_channels + channel) * height + part.rows.start;
-            let values = &self.small[plane * columns..][..pixels];
-            let places = gradients.iter_mut().skip(place).step_by(width);
-            places.zip(values).for_each(|(to, from)| *to = *from);
+        gradients.resize(panels.len().div_ceil(width) * width * pixels, 0.0);
+        for (index, channel) in panels.enumerate() {
+            let mut places = gradients[index / width * width * pixels..].iter_mut().skip(index % width).step_by(width);
+            for piece in window {
+                let plane = (piece.picture * self.geometry.small_channels + channel) * height + piece.rows.start;
+                let values = &self.small[plane * columns..][..piece.rows.len() * columns];
+                values.iter().zip(places.by_ref()).for_each(|(from, to)| *to = *from);
+            }
         }
+        pixels
+    }
+
+    fn of_a_channel(&self) -> usize {
+        self.geometry.large_channels * self.geometry.taps()
     }
 }
 
-/// A few output channels of a part, to be done with the widest vectors.
-struct Panel<'a> {
+/// Panels of output channels over a window, to be done with the widest vectors.
+struct Panels<'a> {
     work: &'a Work<'a>,
-    part: &'a Piece,
+    window: &'a [Piece],
     width: usize,
+    pixels: usize,
     gradients: &'a [f32],
     sums: &'a mut [f32],
 }
 
-impl WithSimd for Panel<'_> {
+impl WithSimd for Panels<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -229,52 +247,68 @@ impl WithSimd for Panel<'_> {
     }
 }
 
-impl Panel<'_> {
+impl Panels<'_> {
+    /// Panels innermost: they all read the same pixels.
     #[inline(always)]
     fn run<S: Simd, const M: usize, const N: usize>(&mut self, simd: S) {
-        let geometry = self.work.geometry;
-        let run = geometry.kernel * geometry.large_channels;
-        for kernel_row in 0..geometry.kernel {
+        let run = self.work.geometry.kernel * self.work.geometry.large_channels;
+        for kernel_row in 0..self.work.geometry.kernel {
             let mut place = 0;
             while place < run {
                 place += match (run - place).div_ceil(S::F32_LANES) {
-                    1 => self.tile::<S, M, 1>(simd, kernel_row, place, run),
-                    vectors if vectors >= N => self.tile::<S, M, N>(simd, kernel_row, place, run),
-                    _ => self.tile::<S, M, 2>(simd, kernel_row, place, run),
+                    1 => self.column::<S, M, 1>(simd, kernel_row, place, run),
+                    vectors if vectors >= N => self.column::<S, M, N>(simd, kernel_row, place, run),
+                    _ => self.column::<S, M, 2>(simd, kernel_row, place, run),
                 };
             }
         }
     }
 
+    /// `N` vectors of weights of all panels; returns how many numbers that is.
     #[inline(always)]
-    fn tile<S: Simd, const M: usize, const N: usize>(
+    fn column<S: Simd, const M: usize, const N: usize>(
         &mut self,
         simd: S,
         kernel_row: usize,
         place: usize,
         run: usize,
     ) -> usize {
-        let Work { geometry, interleaved, lines, .. } = self.work;
-        let row = self.part.picture * interleaved.rows + self.part.rows.start * geometry.stride + kernel_row;
-        let source = &lines[row * interleaved.row_stride + place..];
+        let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
+        let count = (N * S::F32_LANES).min(run - place);
+        let panels = self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
+        for (sums, gradients) in panels {
+            let (mut gradients, _) = gradients.as_chunks::<M>();
+            let mut added = tile::zero::<S, M, N>(simd);
+            for piece in self.window {
+                let (of_piece, rest) = gradients.split_at(piece.rows.len() * self.work.geometry.small[1]);
+                let (source, lines) = self.work.lines(piece, kernel_row, place);
+                tile::add_outer::<S, M, N>(simd, &mut added, source, lines, of_piece);
+                gradients = rest;
+            }
+            let channels = sums.chunks_exact_mut(self.work.of_a_channel());
+            for ((channel, added), line) in channels.zip(&added).zip(&mut scratch) {
+                let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
+                vectors.copy_from_slice(added);
+                let sums = &mut channel[kernel_row * run + place..][..count];
+                sums.iter_mut().zip(&line[..count]).for_each(|(sum, added)| *sum += added);
+            }
+        }
+        N * S::F32_LANES
+    }
+}
+
+impl Work<'_> {
+    /// The pixels that a row of the kernel sees from a piece of the small picture, beginning at a place of its run.
+    fn lines(&self, piece: &Piece, kernel_row: usize, place: usize) -> (&[f32], Lines) {
+        let Work { geometry, interleaved, lines, .. } = self;
+        let row = piece.picture * interleaved.rows + piece.rows.start * geometry.stride + kernel_row;
         let shape = Lines {
-            rows: self.part.rows.len(),
+            rows: piece.rows.len(),
             columns: geometry.small[1],
             row_stride: interleaved.row_stride * geometry.stride,
             column_stride: interleaved.column_stride * geometry.stride,
         };
-        let (gradients, _) = self.gradients.as_chunks::<M>();
-        let added = tile::outer::<S, M, N>(simd, source, shape, gradients);
-        let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
-        let count = (N * S::F32_LANES).min(run - place);
-        let channels = self.sums.chunks_exact_mut(geometry.kernel * run);
-        for ((channel, added), line) in channels.zip(&added).zip(&mut scratch) {
-            let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
-            vectors.copy_from_slice(added);
-            let sums = &mut channel[kernel_row * run + place..][..count];
-            sums.iter_mut().zip(&line[..count]).for_each(|(sum, added)| *sum += added);
-        }
-        N * S::F32_LANES
+        (&lines[row * interleaved.row_stride + place..], shape)
     }
 }
 
@@ -282,15 +316,12 @@ impl Panel<'_> {
 fn collect(geometry: &Geometry, sums: &[f32], weights: &mut [f32]) {
     let (taps, channels) = (geometry.taps(), geometry.large_channels);
     weights.par_chunks_mut(channels * taps).enumerate().for_each(|(output, weights)| {
-        for (piece, sums) in sums.chunks_exact(geometry.weights()).enumerate() {
+        weights.fill(0.0);
+        for sums in sums.chunks_exact(geometry.weights()) {
             let sums = &sums[output * channels * taps..][..channels * taps];
-            for (tap, sums) in sums.chunks_exact(channels).enumerate() {
-                let places = weights.iter_mut().skip(tap).step_by(taps);
-                if piece == 0 {
-                    places.zip(sums).for_each(|(to, from)| *to = *from);
-                } else {
-                    places.zip(sums).for_each(|(to, from)| *to += from);
-                }
+            for (channel, weights) in weights.chunks_exact_mut(taps).enumerate() {
+                let of_channel = sums[channel..].iter().step_by(channels);
+                weights.iter_mut().zip(of_channel).for_each(|(to, from)| *to += from);
             }
         }
     });
