@@ -14,10 +14,14 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-core", &[]),
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
-    ("endoscape-nets", &["endoscape-core"]),
+    ("endoscape-kernels", &[]),
+    ("endoscape-nets", &["endoscape-core", "endoscape-kernels"]),
+    ("endoscape-synthesis", &["endoscape-core", "endoscape-kernels"]),
+    (
+        "endoscape-train",
+        &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
+    ),
     ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
-    ("endoscape-synthesis", &["endoscape-core"]),
-    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     (
         "endoscape-cli",
