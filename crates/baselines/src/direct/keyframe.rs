@@ -14,7 +14,7 @@ const GIVE_UP: u32 = 4;
 /// Side of the cells whose depths say something about a new point among them, pixels.
 const NEIGHBOURHOOD: usize = 16;
 /// Added standard deviation of a depth that is handed over, as a share of it.
-const HAND_OVER_SHARE: f64 = 0.002;
+const HAND_OVER_SHARE: f64 = 0.03;
 /// Added standard deviation of a depth guessed from those around, as a share of it.
 const GUESS_SHARE: f64 = 0.1;
 /// Standard deviation of a depth nothing is known about, as a share of the scene's middle one.

@@ -24,7 +24,8 @@ pub use align::{Alignment, Brightness, align};
 
 use crate::BaselineError;
 use align::Reference;
-use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked};
+use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked, se3};
+use nalgebra::Vector6;
 use keyframe::{Keyframe, View};
 use point::InverseDepth;
 use pyramid::{Lenses, Pyramid};
@@ -43,6 +44,8 @@ const FEWEST_TRUSTED: usize = 200;
 const FEWEST_AGREEING: f64 = 0.5;
 /// Frames without a believed alignment, in a row, before a new start.
 const PATIENCE: usize = 5;
+/// Rounds in which a new keyframe's depths and its place among the window's views follow each other.
+const SETTLE_ROUNDS: usize = 3;
 /// An alignment in which less than this part of the usual share agrees is tried from other guesses.
 const DISAPPOINTING: f64 = 0.8;
 /// Frames the first keyframe is worked over with.
@@ -191,7 +194,7 @@ impl Direct {
 
     fn accept(&mut self, pyramid: Arc<Pyramid>, alignment: Alignment) -> Tracked {
         let Some(mut keyframe) = self.keyframe.take() else { return held(None, "there is no keyframe") };
-        let view = if self.starting {
+        let mut view = if self.starting {
             self.work_over(&mut keyframe, pyramid, alignment)
         } else {
             let view = keyframe.view.aligned(&alignment, pyramid);
@@ -199,9 +202,6 @@ impl Direct {
             keyframe.trust_found(FEWEST_TRUSTED);
             view
         };
-        if let Some(last) = &self.last {
-            self.last_from_previous = view.world_from_camera.inverse() * last.world_from_camera;
-        }
         let (motion, _) = keyframe.view.to(&view);
         let size = self.lenses.level(0).camera().size();
         let tracked = Tracked {
@@ -216,6 +216,12 @@ impl Direct {
         let settled = !self.starting || self.start.len() >= START_FRAMES || alignment.visible < 0.6;
         if settled && (far || alignment.visible < 0.75) {
             keyframe = self.next_keyframe(keyframe, view.clone());
+            if Arc::ptr_eq(&keyframe.view.pyramid, &view.pyramid) {
+                view = keyframe.view.clone();
+            }
+        }
+        if let Some(last) = &self.last {
+            self.last_from_previous = view.world_from_camera.inverse() * last.world_from_camera;
         }
         (self.lost, self.usual_agreeing) = (0, alignment.agreeing);
         self.keyframe = Some(keyframe);
@@ -250,17 +256,42 @@ impl Direct {
         if next.reference.points.len() < FEWEST_POINTS {
             return previous;
         }
-        self.window.push_back(previous.view);
+        let start = self.start.drain(..).map(|(view, _)| view);
+        self.window.extend(std::iter::once(previous.view).chain(start.filter(|seen| seen.world_from_camera != next.view.world_from_camera)));
         while self.window.len() > self.config.window {
             self.window.pop_front();
         }
-        for earlier in self.window.iter().rev() {
-            next.observe(earlier, &self.lenses, BRIGHTNESS_NOISE);
+        for round in 0..SETTLE_ROUNDS {
+            let mut guessed = next.clone();
+            for earlier in self.window.iter().rev() {
+                guessed.observe(earlier, &self.lenses, BRIGHTNESS_NOISE);
+            }
+            guessed.trust_found(FEWEST_TRUSTED);
+            if round + 1 == SETTLE_ROUNDS {
+                next = guessed;
+            } else {
+                next.view.world_from_camera = self.settled_pose(&guessed);
+            }
         }
         next.trust_found(FEWEST_TRUSTED);
         self.starting = false;
-        self.start.clear();
         next
+    }
+
+    /// The place of a keyframe on which the views of the window agree: the mean of where each of them, aligned to the
+    /// keyframe's points, puts it.
+    fn settled_pose(&self, keyframe: &Keyframe) -> Pose {
+        let here = keyframe.view.world_from_camera;
+        let place = |view: &View| {
+            let (motion, brightness) = keyframe.view.to(view);
+            let guess = Alignment::guess(motion, brightness);
+            let aligned = keyframe.reference.align(&view.pyramid, &self.lenses, &guess, BRIGHTNESS_NOISE).filter(believed)?;
+            Some(se3::log(&(here.inverse() * view.world_from_camera * aligned.current_from_reference)))
+        };
+        let places: Vec<Vector6<f64>> = self.window.iter().filter_map(place).collect();
+        // The keyframe's own place, from the tracking that led here, has its vote.
+        let mean = places.iter().sum::<Vector6<f64>>() / (places.len() + 1) as f64;
+        here * se3::exp(&mean)
     }
 
     fn miss(&mut self, pyramid: Arc<Pyramid>) -> Tracked {
