@@ -57,13 +57,17 @@ pub struct Alignment {
     pub agreeing: f64,
     /// Share of all points that are visible in the current picture.
     pub visible: f64,
+    /// Correlation of the visible points' brightness in both pictures, -1 to 1. Unlike the agreement, which forgives
+    /// what uncertain depths may explain, it is near 0 for a picture of something else.
+    pub correlation: f64,
 }
 
 impl Alignment {
     /// A guess to start from.
     pub fn guess(current_from_reference: Pose, brightness: Brightness) -> Self {
         let covariance = Matrix6::zeros();
-        Self { current_from_reference, brightness, covariance, residual: f64::INFINITY, agreeing: 0.0, visible: 0.0 }
+        let residual = f64::INFINITY;
+        Self { current_from_reference, brightness, covariance, residual, agreeing: 0.0, visible: 0.0, correlation: 0.0 }
     }
 }
 
@@ -85,6 +89,8 @@ struct LevelProblem<'a> {
 
 /// One point seen in the current picture.
 struct Seen {
+    /// Brightness in the current picture and in the reference.
+    brightness: [f64; 2],
     residual: f64,
     /// Standard deviation from noise and from the point's depth, grey levels.
     sigma: f64,
@@ -123,7 +129,8 @@ impl LevelProblem<'_> {
         let by_depth = by_q.dot(&t);
         let place = PLACE_SIGMA * PLACE_SIGMA * sample.gradient.norm_squared();
         let sigma = (self.noise * self.noise + place + by_depth * by_depth * point.inverse_depth.variance).sqrt();
-        Some(Seen { residual: sample.value - gained - state.brightness.offset, sigma, derivative })
+        let residual = sample.value - gained - state.brightness.offset;
+        Some(Seen { brightness: [sample.value, reference], residual, sigma, derivative })
     }
 }
 
@@ -134,7 +141,7 @@ impl Problem<UNKNOWNS> for LevelProblem<'_> {
     fn linearise(&self, state: &State) -> Option<NormalEquations<UNKNOWNS>> {
         let (mut equations, mut visible) = (NormalEquations::empty(), 0_usize);
         for (index, point) in self.points.iter().enumerate() {
-            let Some(Seen { residual, sigma, derivative }) = self.see(state, index) else { continue };
+            let Some(Seen { residual, sigma, derivative, .. }) = self.see(state, index) else { continue };
             let size = residual.abs() / sigma;
             let huber = if size <= HUBER { 1.0 } else { HUBER / size };
             let weight = point.weight / (sigma * sigma);
@@ -240,7 +247,20 @@ fn summarise(
         residual: (agree.iter().map(|r| r * r).sum::<f64>() / agree.len().max(1) as f64).sqrt(),
         agreeing: agree.len() as f64 / visible,
         visible: visible / problem.weighty().max(1) as f64,
+        correlation: correlation(&seen),
     })
+}
+
+/// Pearson's correlation of brightness in the two pictures; 0 where one of them is of one brightness.
+fn correlation(seen: &[Seen]) -> f64 {
+    let count = seen.len().max(1) as f64;
+    let mean = |which: usize| seen.iter().map(|s| s.brightness[which]).sum::<f64>() / count;
+    let means = [mean(0), mean(1)];
+    let moment = |a: usize, b: usize| {
+        seen.iter().map(|s| (s.brightness[a] - means[a]) * (s.brightness[b] - means[b])).sum::<f64>() / count
+    };
+    let spread = (moment(0, 0) * moment(1, 1)).sqrt();
+    if spread > f64::EPSILON { moment(0, 1) / spread } else { 0.0 }
 }
 
 /// Aligns two pictures of one camera, given the depth of the first: the building block for other methods.

@@ -25,8 +25,8 @@ pub use align::{Alignment, Brightness, align};
 use crate::BaselineError;
 use align::Reference;
 use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked, se3};
-use nalgebra::Vector6;
 use keyframe::{Keyframe, View};
+use nalgebra::Vector6;
 use point::InverseDepth;
 use pyramid::{Lenses, Pyramid};
 use serde::{Deserialize, Serialize};
@@ -42,6 +42,8 @@ const FEWEST_POINTS: usize = 60;
 const FEWEST_TRUSTED: usize = 200;
 /// Share of visible points that must agree for an alignment to be believed.
 const FEWEST_AGREEING: f64 = 0.5;
+/// Correlation of brightness below which two pictures do not show the same.
+const LEAST_CORRELATION: f64 = 0.5;
 /// Frames without a believed alignment, in a row, before a new start.
 const PATIENCE: usize = 5;
 /// Rounds in which a new keyframe's depths and its place among the window's views follow each other.
@@ -257,7 +259,10 @@ impl Direct {
             return previous;
         }
         let start = self.start.drain(..).map(|(view, _)| view);
-        self.window.extend(std::iter::once(previous.view).chain(start.filter(|seen| seen.world_from_camera != next.view.world_from_camera)));
+        self.window.extend(
+            std::iter::once(previous.view)
+                .chain(start.filter(|seen| seen.world_from_camera != next.view.world_from_camera)),
+        );
         while self.window.len() > self.config.window {
             self.window.pop_front();
         }
@@ -285,7 +290,8 @@ impl Direct {
         let place = |view: &View| {
             let (motion, brightness) = keyframe.view.to(view);
             let guess = Alignment::guess(motion, brightness);
-            let aligned = keyframe.reference.align(&view.pyramid, &self.lenses, &guess, BRIGHTNESS_NOISE).filter(believed)?;
+            let aligned =
+                keyframe.reference.align(&view.pyramid, &self.lenses, &guess, BRIGHTNESS_NOISE).filter(believed)?;
             Some(se3::log(&(here.inverse() * view.world_from_camera * aligned.current_from_reference)))
         };
         let places: Vec<Vector6<f64>> = self.window.iter().filter_map(place).collect();
@@ -321,7 +327,7 @@ impl Odometry for Direct {
 }
 
 fn believed(alignment: &Alignment) -> bool {
-    alignment.agreeing >= FEWEST_AGREEING
+    alignment.agreeing >= FEWEST_AGREEING && alignment.correlation >= LEAST_CORRELATION
 }
 
 /// The last pose, without trust in it.

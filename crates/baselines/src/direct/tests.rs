@@ -8,6 +8,11 @@ fn tube() -> Sequence {
     formats::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/tube"), None).unwrap()
 }
 
+/// Fewer points than the default: the pictures are small.
+fn direct(sequence: &Sequence) -> Direct {
+    Direct::new(DirectConfig { points: 500, ..DirectConfig::default() }, &sequence.camera.unwrap()).unwrap()
+}
+
 fn frame(index: usize, image: Image) -> Observation {
     let time_s = 0.1 * index as f64;
     Observation::Frame(Frame { index, time_s, image: Arc::new(image), camera: None, usable: None })
@@ -118,7 +123,7 @@ fn share_of_path(sequence: &Sequence, poses: &[Pose]) -> f64 {
 #[test]
 fn the_way_through_the_tube_is_followed_without_depth() {
     let sequence = tube();
-    let mut direct = Direct::new(DirectConfig::default(), &sequence.camera.unwrap()).unwrap();
+    let mut direct = direct(&sequence);
     let mut poses = Vec::new();
     for (index, image) in tube_images(&sequence).into_iter().enumerate() {
         let tracked = direct.track(&frame(index, image)).unwrap();
@@ -135,7 +140,7 @@ fn the_way_through_the_tube_is_followed_without_depth() {
 fn black_frozen_and_foreign_frames_keep_the_way() {
     let sequence = tube();
     let (size, images) = (sequence.size, tube_images(&sequence));
-    let mut direct = Direct::new(DirectConfig::default(), &sequence.camera.unwrap()).unwrap();
+    let mut direct = direct(&sequence);
     let black = Image::from_fn(size, |_, _| [0; 3]);
     let mut random = fastrand::Rng::with_seed(1);
     let noise = Image::from_fn(size, |_, _| [random.u8(..); 3]);
@@ -160,7 +165,7 @@ fn black_frozen_and_foreign_frames_keep_the_way() {
 fn a_cut_to_another_place_ends_in_a_new_start() {
     let sequence = tube();
     let images = tube_images(&sequence);
-    let mut direct = Direct::new(DirectConfig::default(), &sequence.camera.unwrap()).unwrap();
+    let mut direct = direct(&sequence);
     for index in 0..4 {
         direct.track(&frame(index, images[index].clone())).unwrap();
     }

@@ -7,7 +7,7 @@ use endoscape_core::magnetic::{Dipole, HallArray};
 use nalgebra::{Point3, SVector, UnitVector3, Vector3};
 
 /// Positions across the array in each direction.
-const ACROSS: usize = 7;
+const ACROSS: usize = 5;
 /// Heights above the array, metres: closely spaced near it, where the field changes fastest.
 const HEIGHTS_M: [f64; 6] = [0.02, 0.04, 0.065, 0.1, 0.15, 0.22];
 /// Rounds of reweighting that turn the linear fit into one of absolute residuals, which a few broken sensors cannot
