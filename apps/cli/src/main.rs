@@ -30,6 +30,7 @@ enum Command {
     Eval(commands::eval::Args),
     Import(commands::import::Args),
     Export(commands::export::Args),
+    Simulate(commands::simulate::Args),
     Train(commands::train::Args),
 }
 
@@ -42,6 +43,7 @@ fn main() -> ExitCode {
         Command::Eval(args) => commands::eval::run(args),
         Command::Import(args) => commands::import::run(args),
         Command::Export(args) => commands::export::run(args),
+        Command::Simulate(args) => commands::simulate::run(args),
         Command::Train(args) => commands::train::run(args),
     };
     match done {

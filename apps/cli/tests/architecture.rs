@@ -15,6 +15,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-nets", &["endoscape-core"]),
+    ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-synthesis", &["endoscape-core"]),
     ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
     (
@@ -24,6 +25,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-frames",
             "endoscape-eval",
             "endoscape-nets",
+            "endoscape-sim",
             "endoscape-synthesis",
             "endoscape-train",
         ],

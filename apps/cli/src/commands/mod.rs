@@ -6,4 +6,5 @@ pub mod eval;
 pub mod export;
 pub mod import;
 pub mod inspect;
+pub mod simulate;
 pub mod train;
