@@ -42,6 +42,7 @@ effects! {
     Specular, "specular", true, "highlights of the lamps on the wet surface";
     Subsurface, "subsurface", true, "light that travels under the surface softens the shading";
     Shadow, "shadow", false, "folds cast shadows";
+    Contact, "contact", false, "the window leans against the wall, which hides the rest";
     Fluid, "fluid", false, "fluid pools at the lowest place";
     Bubbles, "bubbles", false, "foam bubbles in the lumen";
     Debris, "debris", false, "opaque particles in the lumen";

@@ -51,7 +51,7 @@ pub(super) fn tube(key: Key) -> Tube {
         // Haustra bulge between the folds, and three bands of muscle pull the cross-section triangular.
         let next = stations.partition_point(|place| *place < along_m).clamp(1, stations.len() - 1);
         let within = (along_m - stations[next - 1]) / (stations[next] - stations[next - 1]);
-        let bulge = 0.09 * (std::f64::consts::PI * within.clamp(0.0, 1.0)).sin();
+        let bulge = 0.12 * (std::f64::consts::PI * within.clamp(0.0, 1.0)).sin();
         let bands = 0.055 * (3.0 * around_rad + 2.0 * share).cos();
         (calibre_m * (1.0 + bulge + bands - fold), (fold / 0.22).min(1.0) as f32)
     };
@@ -86,7 +86,7 @@ fn crescents(key: Key, stations: &[f64]) -> Vec<Crescent> {
                 around_rad: turn + TAU * f64::from(part) / 3.0 + series.range(-0.25, 0.25),
                 reach_rad: series.range(0.95, 1.7),
                 width_m: series.range(0.0022, 0.0036),
-                depth: series.range(0.17, 0.38),
+                depth: series.range(0.24, 0.50),
                 lean_m: series.range(-0.004, 0.004),
             });
         }

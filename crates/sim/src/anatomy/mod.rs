@@ -76,6 +76,8 @@ pub struct Anatomy {
     pub texture: Option<Image>,
     motions: Motions,
     key: Key,
+    /// Length of the closed ends, metres.
+    caps_m: [f64; 2],
 }
 
 /// What an organ's muscles do.
@@ -109,9 +111,9 @@ impl Anatomy {
         };
         let chart = Chart::Tube { circumference_m: TAU * tube.usual_radius_m };
         let lesions = lesion::scattered(key.of("lesions"), tube.axis.length_m(), &chart);
-        let wall = tube.wall(&chart, &lesions);
+        let (wall, caps_m) = (tube.wall(&chart, &lesions), tube.closing_m);
         let axis = tube.axis.with_room(&tightest(&wall));
-        Self { wall, axis, chart, look, lesions, texture: None, motions, key }
+        Self { wall, axis, chart, look, lesions, texture: None, motions, key, caps_m }
     }
 
     /// Takes the wall of an organ from an OBJ or PLY file whose unit is `metres_per_unit`.
@@ -130,7 +132,7 @@ impl Anatomy {
         let axis = axis.with_room(&tightest(&wall));
         let chart = Chart::Space;
         let lesions = lesion::scattered_on(key.of("lesions"), &wall);
-        Ok(Self { wall, axis, chart, look, lesions, texture, motions, key })
+        Ok(Self { wall, axis, chart, look, lesions, texture, motions, key, caps_m: [0.0; 2] })
     }
 
     /// How the wall moves under the given effects.
@@ -142,6 +144,11 @@ impl Anatomy {
             effects.has(Effect::Breathing).then_some(self.motions.breathing),
             effects.has(Effect::Contraction),
         )
+    }
+
+    /// Length of the closed end nearer to a place along the organ, metres.
+    pub(crate) fn cap_m(&self, along_m: f64) -> f64 {
+        self.caps_m[usize::from(along_m > 0.5 * self.axis.length_m())]
     }
 
     /// Distance from which the wall is usually seen, metres: a little more than the room at the wider places.

@@ -48,10 +48,10 @@ fn crescents(key: Key, length_m: f64) -> Vec<Crescent> {
             around_rad: series.range(0.0, TAU),
             reach_rad: series.range(1.6, 3.6),
             width_m: series.range(0.0010, 0.0015),
-            depth: series.range(0.13, 0.27),
+            depth: series.range(0.14, 0.30),
             lean_m: series.range(-0.0035, 0.0035),
         });
-        place_m += series.range(0.0042, 0.0085);
+        place_m += series.range(0.0036, 0.0072);
     }
     crescents
 }

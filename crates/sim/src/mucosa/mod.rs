@@ -121,17 +121,17 @@ pub enum Relief {
 impl Look {
     /// Pale pink with clear vessels.
     pub const fn colon() -> Self {
-        Self { base: [0.80, 0.44, 0.33], vessels: 1.0, capillaries: 0.55, relief: Relief::Crypts, roughness: 0.16 }
+        Self { base: [0.74, 0.29, 0.20], vessels: 1.0, capillaries: 0.6, relief: Relief::Crypts, roughness: 0.075 }
     }
 
     /// Orange red, vessels hidden.
     pub const fn stomach() -> Self {
-        Self { base: [0.80, 0.36, 0.23], vessels: 0.3, capillaries: 0.5, relief: Relief::Areae, roughness: 0.19 }
+        Self { base: [0.72, 0.22, 0.12], vessels: 0.25, capillaries: 0.5, relief: Relief::Areae, roughness: 0.09 }
     }
 
     /// Yellowish pink velvet.
     pub const fn small_bowel() -> Self {
-        Self { base: [0.83, 0.49, 0.29], vessels: 0.4, capillaries: 0.5, relief: Relief::Villi, roughness: 0.23 }
+        Self { base: [0.76, 0.34, 0.17], vessels: 0.4, capillaries: 0.5, relief: Relief::Villi, roughness: 0.11 }
     }
 }
 
@@ -166,7 +166,7 @@ impl Mucosa {
     pub fn material(&self, anatomy: &Anatomy, hit: &Hit, footprint_m: f64) -> Material {
         let place = anatomy.wall.coordinates(hit.site);
         let chart = anatomy.chart.of(&place);
-        let (texel, slope) = self.detail(anatomy, hit, &chart, footprint_m);
+        let (texel, slope) = self.detail(anatomy, hit, &place, footprint_m);
         let seamless = anatomy.chart.seamless(&chart);
         let look = &anatomy.look;
         let mottle = turbulence(self.key.at(1), &(seamless / 0.011));
@@ -189,9 +189,11 @@ impl Mucosa {
     }
 
     /// Vessels and relief; the slope is turned into space.
-    fn detail(&self, anatomy: &Anatomy, hit: &Hit, chart: &Vector3<f64>, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
+    fn detail(&self, anatomy: &Anatomy, hit: &Hit, place: &Coordinates, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
+        let chart = anatomy.chart.of(place);
         match (&anatomy.chart, &anatomy.wall.topology) {
-            (Chart::Tube { circumference_m }, Topology::Patches { columns, .. }) => {
+            // The closed ends have no "around": a layout by angle would shrink to a star there.
+            (Chart::Tube { circumference_m }, Topology::Patches { columns, .. }) if !self.is_end(anatomy, place) => {
                 // A whole number of tiles around the tube, so that there is no seam.
                 let tiles = (circumference_m / Tile::EXTENT_M).round().max(1.0);
                 let texel = self.tile.at(chart.x / Tile::EXTENT_M, tiles * chart.y / circumference_m, footprint_m);
@@ -202,15 +204,22 @@ impl Mucosa {
                 let slope = spread(along) * texel.slope[0] * cell_m + spread(around) * texel.slope[1] * cell_m;
                 (texel, slope)
             }
-            _ => self.from_three_sides(chart, &hit.shading_normal, footprint_m),
+            _ => self.from_three_sides(&place.rest, &hit.shading_normal, footprint_m),
         }
     }
 
+    /// Whether a place of a tube belongs to its closed ends; the border is ragged, so that it does not show.
+    fn is_end(&self, anatomy: &Anatomy, place: &Coordinates) -> bool {
+        let ragged_m = 0.004 * noise(self.key.at(4), &(place.rest / 0.004));
+        let from_end_m = place.along_m.min(anatomy.axis.length_m() - place.along_m) + ragged_m;
+        from_end_m < anatomy.cap_m(place.along_m)
+    }
+
     /// The tile laid on from three sides and mixed by the normal: for walls without a layout of their own.
-    fn from_three_sides(&self, chart: &Vector3<f64>, normal: &Vector3<f64>, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
+    fn from_three_sides(&self, rest: &Vector3<f64>, normal: &Vector3<f64>, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
         let weights = normal.map(|x| x.abs().powi(6));
         let weights = weights / weights.sum();
-        let p = chart / Tile::EXTENT_M;
+        let p = rest / Tile::EXTENT_M;
         let sides = [(p.y, p.z, 1, 2), (p.z, p.x, 2, 0), (p.x, p.y, 0, 1)];
         let (mut mixed, mut slope) = (tile::Texel::default(), Vector3::zeros());
         for (i, (u, v, u_axis, v_axis)) in sides.into_iter().enumerate().filter(|(i, _)| weights[*i] > 0.02) {

@@ -35,7 +35,7 @@ impl Tile {
 
     /// Paints a tile.
     pub fn paint(relief: Relief, key: Key) -> Self {
-        let vessels = paint_trees(key.of("vessels"), 10, 5.2, 0.9985);
+        let vessels = paint_trees(key.of("vessels"), 15, 5.0, 0.9982);
         let capillaries = paint_trees(key.of("capillaries"), 150, 1.8, 0.9955);
         let height = heights(relief, key.of("relief"));
         let texel_mm = 1e3 * Self::EXTENT_M / SIDE as f64;
@@ -160,9 +160,9 @@ fn dab(canvas: &mut [f32], twig: &Twig) {
 fn heights(relief: Relief, key: Key) -> Vec<f32> {
     let waves = |count: usize, key: Key| lattice(count, key);
     let (coarse, fine, bumps, scale) = match relief {
-        Relief::Crypts => (waves(14, key.at(1)), waves(70, key.at(2)), cells(110, key.at(3)), [0.10, 0.012, 0.012]),
-        Relief::Areae => (waves(10, key.at(1)), waves(60, key.at(2)), cells(17, key.at(3)), [0.12, 0.015, 0.20]),
-        Relief::Villi => (waves(16, key.at(1)), waves(90, key.at(2)), cells(84, key.at(3)), [0.10, 0.020, 0.16]),
+        Relief::Crypts => (waves(14, key.at(1)), waves(70, key.at(2)), cells(110, key.at(3)), [0.12, 0.012, 0.014]),
+        Relief::Areae => (waves(10, key.at(1)), waves(60, key.at(2)), cells(19, key.at(3)), [0.16, 0.020, 0.055]),
+        Relief::Villi => (waves(16, key.at(1)), waves(90, key.at(2)), cells(84, key.at(3)), [0.12, 0.020, 0.13]),
     };
     (0..SIDE * SIDE).map(|i| scale[0] * coarse[i] + scale[1] * fine[i] + scale[2] * bumps[i]).collect()
 }

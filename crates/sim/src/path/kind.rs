@@ -157,6 +157,9 @@ impl PathKind {
 impl Habits {
     /// The part of the passable axis this flight uses: all of it, or a piece around a wide place.
     pub(super) fn stretch(&self, from_m: f64, to_m: f64, axis: &Axis, key: Key) -> (f64, f64) {
+        // Blind ends are dull to look at: a flight turns before it reaches them.
+        let spare_m = 0.1 * (to_m - from_m);
+        let (from_m, to_m) = (from_m + spare_m, to_m - spare_m);
         if to_m - from_m <= self.stretch_m {
             return (from_m, to_m);
         }

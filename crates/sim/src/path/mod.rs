@@ -8,7 +8,7 @@ mod kind;
 
 pub use kind::PathKind;
 
-use crate::SimError;
+use crate::{Effect, Effects, SimError};
 use crate::anatomy::{Anatomy, Axis};
 use crate::deformation::Deformation;
 use crate::random::{Key, Wander};
@@ -17,11 +17,12 @@ use kind::{Course, Habits};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Least distance from the centre of projection to the wall, metres: the window of a capsule in front of its lens.
-pub const WINDOW_M: f64 = 0.0012;
-/// Share of the free room a flight may use.
+pub const WINDOW_M: f64 = 0.0016;
+/// Share of the free room a flight may use, and one that leans against the wall.
 const USED_ROOM: f64 = 0.62;
+const LEANING: f64 = 0.98;
 /// The camera keeps to where the ball around the axis has this radius, metres.
-const LEAST_ROOM_M: f64 = 0.0022;
+const LEAST_ROOM_M: f64 = 0.0026;
 
 /// A camera's way through an organ.
 #[derive(Clone, Debug)]
@@ -29,6 +30,8 @@ pub struct Flight<'a> {
     axis: &'a Axis,
     deformation: &'a Deformation,
     habits: Habits,
+    /// Share of the free room used.
+    used_room: f64,
     /// Part of the axis flown along, metres.
     from_m: f64,
     to_m: f64,
@@ -41,7 +44,7 @@ pub struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    /// Plans a flight of `duration_s`.
+    /// Plans a flight of `duration_s` from a seed; of the effects, contact lets it lean against the wall.
     ///
     /// # Errors
     /// [`SimError::Parameter`] if the organ is nowhere wide enough for the camera.
@@ -49,8 +52,8 @@ impl<'a> Flight<'a> {
         kind: PathKind,
         anatomy: &'a Anatomy,
         deformation: &'a Deformation,
-        duration_s: f64,
-        seed: u64,
+        effects: Effects,
+        (duration_s, seed): (f64, u64),
     ) -> Result<Self, SimError> {
         let key = Key::new(seed).of("path");
         let habits = kind.habits();
@@ -66,6 +69,7 @@ impl<'a> Flight<'a> {
         let mut flight = Self {
             axis: &anatomy.axis,
             deformation,
+            used_room: if effects.has(Effect::Contact) { LEANING } else { USED_ROOM },
             from_m,
             to_m,
             pace: 1.0,
@@ -99,7 +103,7 @@ impl<'a> Flight<'a> {
     fn still(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
         let along_m = self.along_m(time_s);
         let frame = self.axis.frame(along_m);
-        let free_m = USED_ROOM * (self.axis.room_m(along_m) - WINDOW_M).max(0.0);
+        let free_m = self.used_room * (self.axis.room_m(along_m) - WINDOW_M).max(0.0);
         let [x, y] = self.stray(time_s);
         let place = self.axis.point(along_m) + frame * Vector3::new(free_m * x, free_m * y, 0.0);
         (place, frame * self.view(time_s, along_m))

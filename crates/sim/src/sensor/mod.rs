@@ -30,6 +30,8 @@ const READ_NOISE: f64 = 7.0;
 const VIGNETTE: f64 = 0.55;
 /// Quality of the compression.
 const JPEG_QUALITY: u8 = 88;
+/// Wall nearer than this lies against the window and hides what is behind, metres.
+const TOUCHING_M: f64 = 0.0025;
 /// A highlight or an occluder counts from this share of the pixel's light.
 const COUNTS_FROM: f32 = 0.35;
 
@@ -117,7 +119,8 @@ impl Sensor {
         let at = |x: usize, y: usize| y * size.width + x;
         let bright = |i: usize| samples[i].specular * gain > 0.12;
         let specular = Grid::from_fn(size, |x, y| white(at(x, y)) && bright(at(x, y)));
-        let occluder = Grid::from_fn(size, |x, y| cover[at(x, y)] > COUNTS_FROM);
+        let pressed = |i: usize| samples[i].is_wall() && samples[i].distance_m < TOUCHING_M;
+        let occluder = Grid::from_fn(size, |x, y| cover[at(x, y)] > COUNTS_FROM || pressed(at(x, y)));
         let usable = Grid::from_fn(size, |x, y| {
             let marked = |mask: &Mask| mask.get(x, y) == Some(&true);
             samples[at(x, y)].is_wall() && !(marked(&specular) || marked(&occluder) || marked(&defocus))
@@ -151,7 +154,8 @@ impl Sensor {
         let amplified = (gain / self.fixed_gain).max(0.2);
         let byte = |i: usize, c: usize| {
             let mut value = f64::from(light[i][c]) * gain;
-            if noisy {
+            // Outside the field of view recorders write black.
+            if noisy && value > 0.0 {
                 // Photons are counted before the gain, so a dark scene is noisy once it is made bright.
                 let electrons = FULL_WELL / amplified;
                 let deviation = (value.clamp(0.0, 1.5) / electrons + (READ_NOISE / electrons).powi(2)).sqrt();

@@ -82,7 +82,7 @@ pub struct Coordinates {
     pub along_m: f64,
     /// Angle around the organ's axis; meaningless on triangles.
     pub around_rad: f64,
-    /// Position at rest, metres; on nets that of the nearest vertex, which is all their users need.
+    /// Position at rest, metres; on nets between the four vertices around, which is all their users need.
     pub rest: Vector3<f64>,
     /// How much of a fold this is, 0 to 1.
     pub fold: f32,
@@ -115,7 +115,10 @@ impl Wall {
                 Coordinates {
                     along_m: here.along_m + site.a * (next.along_m - here.along_m),
                     around_rad: here.around_rad + site.b * turn,
-                    rest: here.rest,
+                    rest: here.rest.lerp(&next.rest, site.a).lerp(
+                        &at(row, column + 1).rest.lerp(&at(row + 1, column + 1).rest, site.a),
+                        site.b,
+                    ),
                     fold: here.fold,
                 }
             }
