@@ -24,6 +24,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
+    ("endoscape-nets", &["endoscape-core"]),
+    ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
+    ("endoscape-synthesis", &["endoscape-core"]),
+    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
     (
         "endoscape-cli",
         &[
@@ -33,6 +37,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-nets",
             "endoscape-odometry",
             "endoscape-report",
+            "endoscape-sim",
             "endoscape-synthesis",
             "endoscape-train",
         ],

@@ -11,4 +11,5 @@ pub mod inspect;
 pub mod motion;
 pub mod run;
 pub mod report;
+pub mod simulate;
 pub mod train;
