@@ -24,10 +24,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
-    ("endoscape-nets", &["endoscape-core"]),
     ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
-    ("endoscape-synthesis", &["endoscape-core"]),
-    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
     (
         "endoscape-cli",
         &[
@@ -45,7 +42,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crates that may link Burn; all others stay light.
-const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
+const WITH_BURN: &[&str] =
+    &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
 
 fn packages() -> Vec<serde_json::Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];

@@ -275,7 +275,8 @@ impl Panels<'_> {
     ) -> usize {
         let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
         let count = (N * S::F32_LANES).min(run - place);
-        let panels = self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
+        let panels =
+            self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
         for (sums, gradients) in panels {
             let (mut gradients, _) = gradients.as_chunks::<M>();
             let mut added = tile::zero::<S, M, N>(simd);

@@ -8,7 +8,13 @@ use endoscape_sim::{Config, Effect, Effects, Organ, PathKind, Patient, Session, 
 use std::path::Path;
 
 /// Frames of a short simulation, every `step`-th.
-fn frames(organ: Organ, path: PathKind, effects: Effects, seed: u64, range: (usize, usize)) -> Result<Vec<Image>, SimError> {
+fn frames(
+    organ: Organ,
+    path: PathKind,
+    effects: Effects,
+    seed: u64,
+    range: (usize, usize),
+) -> Result<Vec<Image>, SimError> {
     let camera = capsule_lens(Size::new(224, 224))?;
     let config = Config { source: Source::Organ(organ), frames: 400, fps: 5.0, seed, camera, path, effects };
     let anatomy = config.anatomy()?;

@@ -9,7 +9,7 @@ pub mod export;
 pub mod import;
 pub mod inspect;
 pub mod motion;
-pub mod run;
 pub mod report;
+pub mod run;
 pub mod simulate;
 pub mod train;
