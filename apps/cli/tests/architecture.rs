@@ -33,7 +33,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crates that may link Burn; all others stay light.
-const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
+const WITH_BURN: &[&str] =
+    &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
 
 fn packages() -> Vec<serde_json::Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];

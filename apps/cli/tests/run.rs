@@ -48,7 +48,10 @@ fn files(out: &str, folder: &str) -> usize {
 
 /// Every frame has a finite pose, whatever it shows.
 fn assert_complete(out: &str, frames: usize) {
-    assert_eq!((lines(out, "trajectory.tum"), lines(out, "trajectory.kitti"), rows(out).len()), (frames, frames, frames));
+    assert_eq!(
+        (lines(out, "trajectory.tum"), lines(out, "trajectory.kitti"), rows(out).len()),
+        (frames, frames, frames)
+    );
     let poses = endoscape_core::trajectory::parse_tum(&fs::read_to_string(format!("{out}/trajectory.tum")).unwrap());
     assert_eq!(endoscape_core::Trajectory::new(poses.unwrap()).unwrap().len(), frames);
 }
@@ -172,7 +175,8 @@ fn damaged_and_dark_stretches_of_a_video_lose_no_frame() {
     let (folder, out) = place();
     let path = folder.path().join("clip.avi");
     let dark = "geq=lum='if(between(N,5,7),0,lum(X,Y))':cb=128:cr=128";
-    let made = video(&["-f", "lavfi", "-i", "testsrc=size=96x64:rate=10:duration=3", "-vf", dark, "-c:v", "mjpeg"], &path);
+    let made =
+        video(&["-f", "lavfi", "-i", "testsrc=size=96x64:rate=10:duration=3", "-vf", dark, "-c:v", "mjpeg"], &path);
     let Some(input) = made else { return };
     // Every frame of this kind of video is a JPEG of its own; two of them lose their contents.
     let mut bytes = fs::read(&path).unwrap();

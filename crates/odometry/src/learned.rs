@@ -5,15 +5,15 @@
 //! length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants: the state has a bounded size,
 //! every frame gets a finite pose, and the same frames give the same poses.
 
+use crate::OdometryError;
 use crate::chain::{self, Motion};
-use crate::config::OdometryConfig;
 use crate::confidence::likeness;
+use crate::config::OdometryConfig;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
 use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
 use crate::reproject::{LATTICE, Moved, Reprojector, bilinear};
 use crate::scale::{Scale, ratio};
-use crate::OdometryError;
 use burn::tensor::Device;
 use endoscape_core::{
     Camera, DepthEstimator, DepthMap, Frame, Grid, Image, Mask, Observation, Odometry, Pose, Size, TrackError, Tracked,
@@ -195,13 +195,7 @@ impl LearnedOdometry {
         let repeated = self.before.as_ref().filter(|_| flaw == Flaw::Frozen).map(|(_, tracked)| tracked.clone());
         let (depth, reliability) = repeated.map_or((None, None), |tracked| (tracked.depth, tracked.reliability));
         let pose = if flaw == Flaw::Frozen { self.path.pose() } else { self.path.coast() };
-        Tracked {
-            world_from_camera: Some(pose),
-            confidence: 0.0,
-            depth,
-            reliability,
-            warning: Some(flaw.to_string()),
-        }
+        Tracked { world_from_camera: Some(pose), confidence: 0.0, depth, reliability, warning: Some(flaw.to_string()) }
     }
 
     fn with_sight(&mut self, image: Arc<Image>, luma: Grid<f32>) -> Tracked {
@@ -271,7 +265,8 @@ impl LearnedOdometry {
 
     /// Combines the forward estimate of a new anchor's pose with the backward one of its first window.
     fn look_back(&mut self, history: &mut History, window: &Window, motions: &Motions) {
-        let Some((world_from_first, first_from_anchor)) = window.world_from_first.zip(motions.source_from_target.first())
+        let Some((world_from_first, first_from_anchor)) =
+            window.world_from_first.zip(motions.source_from_target.first())
         else {
             return;
         };

@@ -88,7 +88,8 @@ pub fn run(
     let total = (range.end < usize::MAX).then_some(range.len() as u64);
     events.event(Event::Started { stage: format!("running {}", odometry.name()), total });
     let mut source = job.sequence.open_frames(range.clone())?;
-    let walk = Walk { job, odometry, sink, events, next: range.start, account: Account::default(), pose: Pose::identity() };
+    let walk =
+        Walk { job, odometry, sink, events, next: range.start, account: Account::default(), pose: Pose::identity() };
     walk.through(source.as_mut(), &range)
 }
 
@@ -174,7 +175,8 @@ impl Walk<'_> {
     /// looked at in time; it has no list that they would be missing from.
     fn catch_up(&mut self, position: usize, failure: &mut Option<FramesError>) -> Result<(), OdometryError> {
         while self.next < position && !self.job.sequence.is_live() {
-            let reason = failure.take().map_or_else(|| "the frame does not decode".to_owned(), |error| error.to_string());
+            let reason =
+                failure.take().map_or_else(|| "the frame does not decode".to_owned(), |error| error.to_string());
             let time_s = self.job.sequence.frames.get(self.next).map_or(0.0, |entry| entry.time_s);
             self.answer(self.next, time_s, unseen(format!("the pose is repeated: {reason}")), Duration::ZERO)?;
         }

@@ -158,7 +158,8 @@ impl DepthWriter {
                 let unit = self.unit.unwrap_or(1.0);
                 let steps = depth.grid().map(|depth| steps(*depth, unit));
                 let file = format!("{name}.png");
-                picture::write_gray16_png(&draft.root.join(&file), &steps).map_err(|error| in_place(draft, &file, error))
+                picture::write_gray16_png(&draft.root.join(&file), &steps)
+                    .map_err(|error| in_place(draft, &file, error))
             }
         }
     }
