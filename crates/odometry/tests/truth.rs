@@ -152,8 +152,9 @@ fn the_truth_comes_out_whatever_window_and_gap() {
 
 #[test]
 fn a_unit_that_drifts_and_jumps_is_straightened_out() {
-    let wander =
-        |index: usize| 0.5 * (1.0 + 0.5 * (0.2 * index as f64).sin()) * if index % 3 == 0 { 1.15 } else { 1.0 };
+    let wander = |index: usize| {
+        0.5 * (1.0 + 0.5 * (0.2 * index as f64).sin()) * if index.is_multiple_of(3) { 1.15 } else { 1.0 }
+    };
     let world = Arc::new(World::new(40, 0.02, wander));
     let tracked = track_all(&world, &mut odometry(&world, 1, 1), Some(world.camera));
     let (position, rotation) = errors(&world, &tracked);

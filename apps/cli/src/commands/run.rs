@@ -12,13 +12,14 @@ use endoscape_odometry::pipeline::{self, Job};
 use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
 use endoscape_train::model_folder;
 use serde::Serialize;
+use signal_hook::consts::SIGINT;
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 /// Confidence below which a pose counts as lost, where the method does not say.
 const LOST_BELOW: f64 = 0.1;
@@ -175,8 +176,7 @@ fn warn(sequence: &Sequence, progress: &mut Progress) {
 /// Lets Ctrl-C end the run in an orderly way.
 fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    let flag = stop.clone();
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be handled")?;
+    signal_hook::flag::register(SIGINT, stop.clone()).context("Ctrl-C cannot be handled")?;
     Ok(stop)
 }
 
