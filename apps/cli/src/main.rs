@@ -8,6 +8,7 @@
 mod commands;
 mod device;
 mod input;
+mod memory;
 mod progress;
 
 use clap::{Parser, Subcommand};
@@ -32,6 +33,11 @@ enum Command {
     Export(commands::export::Args),
     Simulate(commands::simulate::Args),
     Train(commands::train::Args),
+    Run(commands::run::Args),
+    Depth(commands::depth::Args),
+    Motion(commands::motion::Args),
+    Compare(Box<commands::compare::Args>),
+    Report(commands::report::Args),
 }
 
 fn main() -> ExitCode {
@@ -45,6 +51,11 @@ fn main() -> ExitCode {
         Command::Export(args) => commands::export::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Train(args) => commands::train::run(args),
+        Command::Run(args) => commands::run::run(args),
+        Command::Depth(args) => commands::depth::run(args),
+        Command::Motion(args) => commands::motion::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::Report(args) => commands::report::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

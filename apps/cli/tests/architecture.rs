@@ -15,9 +15,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-nets", &["endoscape-core"]),
+    ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-synthesis", &["endoscape-core"]),
     ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
+    ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     (
         "endoscape-cli",
         &[
@@ -25,6 +27,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-frames",
             "endoscape-eval",
             "endoscape-nets",
+            "endoscape-odometry",
+            "endoscape-report",
             "endoscape-sim",
             "endoscape-synthesis",
             "endoscape-train",
@@ -33,7 +37,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crates that may link Burn; all others stay light.
-const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
+const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
 
 fn packages() -> Vec<serde_json::Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];

@@ -6,6 +6,7 @@
 //! | [`camera`] | [`Camera`] and its five projection models |
 //! | [`se3`] | [`Pose`] with exponential, logarithm and adjoint |
 //! | [`trajectory`] | [`Trajectory`] of timed `world_from_camera` poses and its text formats |
+//! | [`magnetic`] | the field of a [`Dipole`](magnetic::Dipole), the Hall array and magnet of a [`MagneticRig`] |
 //! | [`observation`] | [`Observation`]: a [`Frame`] or a [`MagneticReading`] |
 //! | [`odometry`] | the [`Odometry`] and [`DepthEstimator`] traits every method implements |
 //! | [`event`] | [`Event`] and [`EventSink`]: how libraries report without printing |
@@ -16,6 +17,7 @@
 
 pub mod camera;
 pub mod event;
+pub mod magnetic;
 pub mod observation;
 pub mod odometry;
 pub mod raster;
@@ -24,6 +26,7 @@ pub mod trajectory;
 
 pub use camera::{Camera, CameraError, CameraModel};
 pub use event::{Event, EventSink};
+pub use magnetic::MagneticRig;
 pub use observation::{Frame, MagneticReading, Observation};
 pub use odometry::{DepthEstimator, Odometry, TrackError, Tracked};
 pub use raster::{DepthMap, Grid, Image, Mask, RasterError, Rect, Size};

@@ -8,6 +8,7 @@
 //! poses.tum      world_from_camera in metres; its times are those of frames.csv to the last digit
 //! depth/         NNNNNN.png, 16 bits, 0 is unknown
 //! masks/         NNNNNN.png, white is usable
+//! magnet.toml    magnet, Hall array and their places; magnet.csv: its readings (see [`crate::magnet`])
 //! ```
 //! Everything is written into a hidden folder beside the destination, which gets its name only when it is complete:
 //! whoever sees the destination sees all of it, and a failure leaves nothing behind. [`crate::formats`] reads it.

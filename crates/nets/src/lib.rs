@@ -6,6 +6,7 @@
 //! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
 //! | [`motion`] | [`Rotation`]: what the last three numbers of a motion mean |
 //! | [`config`] | [`NetsConfig`] and its presets |
+//! | [`input`] | pictures as the networks see them |
 //! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
 //! | [`import`] | weights of PyTorch and safetensors files |
 //! | [`onnx`] | export for other programs |
@@ -20,17 +21,19 @@ pub mod disp_net;
 pub mod error;
 mod files;
 pub mod import;
+pub mod input;
 pub mod layers;
 pub mod motion;
 pub mod onnx;
 pub mod pose_mask_net;
 mod weights;
 
-pub use checkpoint::{Checkpoint, DataSource, Manifest};
+pub use checkpoint::{Checkpoint, DataSource, Manifest, TrainedInput};
 pub use config::NetsConfig;
 pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
 pub use error::NetsError;
 pub use import::Network;
+pub use input::network_input;
 pub use layers::Padding;
 pub use motion::Rotation;
 pub use onnx::OnnxOptions;
