@@ -14,7 +14,7 @@ macro_rules! effects {
         }
 
         impl Effect {
-            /// All effects in the order of the chain from tissue to file.
+            /// All effects in the order of the chain from tissue to file, then the magnet's.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
 
             /// Its name on the command line.
@@ -56,6 +56,8 @@ effects! {
     Gamma, "gamma", true, "the sRGB curve; without it values are proportional to light";
     Chroma, "chroma", true, "colour at half the resolution (4:2:0)";
     Jpeg, "jpeg", true, "JPEG compression";
+    Hall, "hall", true, "noise, offsets and steps of the Hall sensors";
+    Actuation, "actuation", false, "the steering coils disturb the Hall sensors";
 }
 
 /// A set of effects.

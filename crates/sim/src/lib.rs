@@ -25,6 +25,7 @@
 //! | [`render`] | one frame of light and truth |
 //! | [`medium`] | what floats between wall and lens |
 //! | [`sensor`] | from light to bytes |
+//! | [`magnet`] | the capsule's magnet read by Hall sensors |
 //! | [`simulate`](mod@simulate) | a sequence folder from a seed |
 
 pub mod anatomy;
@@ -32,6 +33,7 @@ pub mod deformation;
 mod effects;
 pub mod error;
 pub mod light;
+pub mod magnet;
 pub mod medium;
 pub mod mucosa;
 pub mod path;
@@ -44,5 +46,6 @@ pub mod surface;
 pub use anatomy::{Anatomy, Organ};
 pub use effects::{Effect, Effects};
 pub use error::SimError;
+pub use magnet::{Hall, Magnetometer};
 pub use path::{Flight, PathKind};
 pub use simulate::{Config, Patient, Rendered, Session, Source, Summary, capsule_lens, simulate};

@@ -5,12 +5,14 @@
 //!       labels/NNNNNN.png     class of every pixel; labels.csv names them
 //!       flow/NNNNNN.png       surface flow to the next frame, 16 bits as in KITTI: (value - 32768) / 64 pixels
 //!       specular/, occluder/, defocus/   NNNNNN.png, white where that covers the wall
+//!       magnet.toml, magnet.csv   the capsule's magnet and the Hall sensors' readings, one per frame
 //!       simulation.toml       what was asked for
 //! ```
 
 use crate::anatomy::{Anatomy, Organ};
 use crate::deformation::Deformation;
 use crate::light::Lamps;
+use crate::magnet::{Hall, Magnetometer};
 use crate::medium::Medium;
 use crate::mucosa::{Label, Mucosa};
 use crate::path::{Flight, PathKind, WINDOW_M};
@@ -19,7 +21,9 @@ use crate::sensor::{Developed, Sensor, encode};
 use crate::surface::Posed;
 use crate::{Effect, Effects, SimError};
 use endoscape_core::camera::{Intrinsics, KannalaBrandt};
+use endoscape_core::magnetic::{READINGS_FILE, RIG_FILE, to_csv};
 use endoscape_core::{Camera, DepthMap, Event, EventSink, Grid, Image, Pose, Size};
+use endoscape_frames::magnet::rig_to_toml;
 use endoscape_frames::sequence_folder::{Header, Writer, WrittenFrame};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
@@ -65,6 +69,8 @@ pub struct Config {
     pub path: PathKind,
     /// What is switched on.
     pub effects: Effects,
+    /// The Hall sensors under the table.
+    pub hall: Hall,
 }
 
 /// What was done.
@@ -136,17 +142,22 @@ impl Config {
 pub fn simulate(config: &Config, out: &Path, sink: &mut dyn EventSink) -> Result<Summary, SimError> {
     config.validate()?;
     let started = Instant::now();
+    let magnetometer = Magnetometer::new(config.hall, config.effects, config.seed)?;
     let anatomy = config.anatomy()?;
     let mut writer = Writer::create(out, header(config, &anatomy))?;
     let patient = Patient::new(config, &anatomy);
     let mut session = Session::start(&patient)?;
+    let mut readings = Vec::with_capacity(config.frames);
     sink.event(Event::Started { stage: "simulating".into(), total: Some(config.frames as u64) });
     for number in 0..config.frames {
         let frame = session.next_frame()?;
         write(&mut writer, number, &frame)?;
+        readings.push(magnetometer.read(number, frame.time_s, &frame.world_from_camera));
         sink.event(Event::Advanced { done: number as u64 + 1 });
     }
     sink.event(Event::Finished);
+    writer.write_file(RIG_FILE, rig_to_toml(magnetometer.rig())?)?;
+    writer.write_file(READINGS_FILE, to_csv(&readings))?;
     writer.write_file("labels.csv", label_names())?;
     writer.write_file("simulation.toml", description(config))?;
     let pace = session.flight.pace();

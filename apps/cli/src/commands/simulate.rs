@@ -4,7 +4,7 @@ use crate::input::parse_size;
 use crate::progress::Progress;
 use endoscape_core::Size;
 use endoscape_frames::camera_file;
-use endoscape_sim::{Config, Effects, Organ, PathKind, Source, capsule_lens, simulate};
+use endoscape_sim::{Config, Effects, Hall, Organ, PathKind, Source, capsule_lens, simulate};
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -48,6 +48,12 @@ pub struct Args {
     /// What is switched on.
     #[arg(long, value_name = "LIST", default_value = "default")]
     effects: Effects,
+    /// Columns and rows of Hall sensors under the patient.
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "8x8")]
+    hall: Size,
+    /// Distance between neighbouring Hall sensors, in metres.
+    #[arg(long, value_name = "METRES", default_value_t = 0.035)]
+    hall_pitch: f64,
 }
 
 /// Runs the command.
@@ -61,7 +67,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => Source::Organ(args.anatomy),
     };
     let Args { frames, fps, seed, path, effects, .. } = *args;
-    let config = Config { source, frames, fps, seed, camera, path, effects };
+    let hall = Hall { columns: args.hall.width, rows: args.hall.height, pitch_m: args.hall_pitch };
+    let config = Config { source, frames, fps, seed, camera, path, effects, hall };
     let summary = simulate(&config, &args.out, &mut Progress::new())?;
     let rate = summary.frames as f64 / summary.elapsed_s.max(1e-9);
     let megarays = 1e-6 * summary.rays as f64;
