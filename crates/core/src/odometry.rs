@@ -1,6 +1,7 @@
 //! The two sockets every method plugs into.
 
 use crate::{DepthMap, Frame, Grid, Observation, Pose};
+use std::time::Duration;
 use thiserror::Error;
 
 /// Where the camera is after one more observation.
@@ -55,6 +56,11 @@ pub trait Odometry {
     /// # Errors
     /// [`TrackError`] when the method cannot continue at all.
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError>;
+
+    /// How long each stage of the last [`Odometry::track`] took, in order; empty where the method does not measure.
+    fn stage_times(&self) -> &[(&'static str, Duration)] {
+        &[]
+    }
 }
 
 /// A method that sees depth in a single frame.

@@ -19,6 +19,7 @@
 //! | [`sequence_folder`] | our own folder, written in one piece |
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
 //! | [`convert`] | any sequence to a sequence folder |
+//! | [`parallax`] | how far the picture moves between two frames |
 //! | [`tracks`] | points followed from picture to picture |
 //! | [`inspect`] | what a path holds and which convention its numbers follow |
 
@@ -31,6 +32,7 @@ pub mod inspect;
 pub mod magnet;
 pub mod malformed;
 pub mod natural;
+pub mod parallax;
 pub mod picture;
 pub mod preprocess;
 pub mod reader;

@@ -4,6 +4,7 @@
 //! finer one seeing the coarser one enlarged. Kernels are 7, 5, then 3.
 
 use crate::config::check_channels;
+use crate::conv::{Activation, convolve};
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size, upsample};
 use burn::module::Module;
@@ -198,7 +199,11 @@ impl DispNet {
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
             features = stage.fuse.forward(Tensor::cat(inputs, 1));
             if index >= FIRST_HEAD {
-                scales.push(self.disparity(self.heads[index - FIRST_HEAD].forward(features.clone())));
+                scales.push(self.disparity(convolve(
+                    &self.heads[index - FIRST_HEAD],
+                    features.clone(),
+                    Activation::None,
+                )));
             }
         }
         DisparityPyramid { scales: std::array::from_fn(|scale| scales[SCALES - 1 - scale].clone()) }
