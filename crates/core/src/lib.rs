@@ -5,6 +5,7 @@
 //! | [`raster`] | [`Size`], [`Rect`], [`Image`], [`Grid`], [`DepthMap`], [`Mask`] |
 //! | [`camera`] | [`Camera`] and its five projection models |
 //! | [`se3`] | [`Pose`] with exponential, logarithm and adjoint |
+//! | [`motion`] | [`Rotation`]: what the last three of the six numbers of a motion mean |
 //! | [`trajectory`] | [`Trajectory`] of timed `world_from_camera` poses and its text formats |
 //! | [`observation`] | [`Observation`]: a [`Frame`] or a [`MagneticReading`] |
 //! | [`odometry`] | the [`Odometry`] and [`DepthEstimator`] traits every method implements |
@@ -16,6 +17,7 @@
 
 pub mod camera;
 pub mod event;
+pub mod motion;
 pub mod observation;
 pub mod odometry;
 pub mod raster;
@@ -24,6 +26,7 @@ pub mod trajectory;
 
 pub use camera::{Camera, CameraError, CameraModel};
 pub use event::{Event, EventSink};
+pub use motion::Rotation;
 pub use observation::{Frame, MagneticReading, Observation};
 pub use odometry::{DepthEstimator, Odometry, TrackError, Tracked};
 pub use raster::{DepthMap, Grid, Image, Mask, RasterError, Rect, Size};

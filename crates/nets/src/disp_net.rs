@@ -186,6 +186,18 @@ impl DispNet {
     /// # Panics
     /// If the image has not three channels.
     pub fn forward(&self, image: Tensor<4>) -> DisparityPyramid {
+        self.forward_tapped(image, |_, disparity| disparity)
+    }
+
+    /// [`Self::forward`], each prediction (scale, disparity) passing through `tap` before the finer ones see it.
+    ///
+    /// # Shapes
+    /// As [`Self::forward`]; `tap` keeps the shape.
+    pub(crate) fn forward_tapped(
+        &self,
+        image: Tensor<4>,
+        mut tap: impl FnMut(usize, Tensor<4>) -> Tensor<4>,
+    ) -> DisparityPyramid {
         assert_shape!(image, [_, 3, _, _]);
         let full_size = spatial_size(&image);
         let (mut skips, mut features) = self.encode(image);
@@ -198,7 +210,8 @@ impl DispNet {
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
             features = stage.fuse.forward(Tensor::cat(inputs, 1));
             if index >= FIRST_HEAD {
-                scales.push(self.disparity(self.heads[index - FIRST_HEAD].forward(features.clone())));
+                let disparity = self.disparity(self.heads[index - FIRST_HEAD].forward(features.clone()));
+                scales.push(tap(SCALES - 1 - scales.len(), disparity));
             }
         }
         DisparityPyramid { scales: std::array::from_fn(|scale| scales[SCALES - 1 - scale].clone()) }
