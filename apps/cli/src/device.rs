@@ -1,8 +1,9 @@
 //! From the name of a device to the device: the one place that knows which backends this build has.
 
-use anyhow::bail;
-use burn::tensor::Device;
+use anyhow::{Context as _, bail};
+use burn::tensor::{Device, Tensor};
 use std::fmt;
+use std::panic;
 use std::str::FromStr;
 
 /// `--device`, shared by all commands that compute with the networks.
@@ -29,8 +30,26 @@ pub enum DeviceName {
 }
 
 impl DeviceName {
-    /// The device, or why this build has none of the kind.
+    /// The device, or why there is none: not in this build, or not in this computer.
     pub fn open(self) -> anyhow::Result<Device> {
+        if self == Self::Cpu {
+            return Ok(Device::flex());
+        }
+        // GPU backends panic where a driver or the device itself is missing, so a sum is tried before any work begins.
+        let hook = panic::take_hook();
+        panic::set_hook(Box::new(|_| {}));
+        let answer = panic::catch_unwind(|| {
+            let device = self.of_this_build()?;
+            let sum = Tensor::<1>::ones([2], &device).sum().into_data();
+            Ok(sum.iter::<f32>().eq([2.0]).then_some(device))
+        });
+        panic::set_hook(hook);
+        answer.unwrap_or(Ok(None))?.with_context(|| {
+            format!("{self} does not answer on this computer; check its driver and number, or use --device cpu")
+        })
+    }
+
+    fn of_this_build(self) -> anyhow::Result<Device> {
         Ok(match self {
             Self::Cpu => Device::flex(),
             #[cfg(feature = "cuda")]

@@ -90,7 +90,109 @@ fn slips_are_told_before_anything_is_written() {
     assert!(sentence.contains("the range is empty"), "{sentence}");
     let sentence = with(&|words| words.extend(["--init".into(), place.path("none").display().to_string()]));
     assert!(sentence.contains("no such checkpoint"), "{sentence}");
+    let sentence = with(&|words| words.extend(["--device".into(), "cuda:97".into()]));
+    assert!(sentence.contains("cannot compute on cuda:97") || sentence.contains("does not answer"), "{sentence}");
     let sentence = fail(&strs(&place.resume("run", "2")));
     assert!(sentence.contains("no training run to resume"), "{sentence}");
     assert!(!place.path("run").exists(), "something was left behind");
+}
+
+/// Starts a run with one slip and returns the sentence; no folder may be left behind.
+fn refused(place: &Place, change: impl Fn(&mut Vec<String>)) -> String {
+    let mut words = place.begin("run", "1");
+    change(&mut words);
+    let sentence = fail(&strs(&words));
+    assert!(!place.path("run").exists(), "something was left behind: {sentence}");
+    sentence
+}
+
+#[test]
+fn weights_that_are_damaged_or_of_another_network() {
+    let place = Place::new();
+    succeed(&strs(&place.begin("first", "1")));
+    fs::write(place.path("tiny.toml"), TINY.replace("[4, 4, 8, 8, 8, 8, 8]", "[6, 4, 8, 8, 8, 8, 8]")).unwrap();
+    succeed(&strs(&place.begin("second", "1")));
+    let (weights, config) = (place.path("first/best/weights.safetensors"), place.path("first/best/config.toml"));
+    let init = |words: &mut Vec<String>| words.extend(["--init".into(), place.path("first").display().to_string()]);
+
+    let whole = fs::read(&weights).unwrap();
+    fs::write(&weights, &whole[..whole.len() / 2]).unwrap();
+    let sentence = refused(&place, init);
+    assert!(sentence.contains("weights.safetensors"), "{sentence}");
+    fs::write(&weights, &whole).unwrap();
+
+    fs::copy(place.path("second/best/config.toml"), &config).unwrap();
+    let sentence = refused(&place, init);
+    assert!(sentence.contains("weights.safetensors") && sentence.contains("conv1.0.weight"), "{sentence}");
+    assert_eq!(fs::read(&weights).unwrap(), whole, "the checkpoint was touched");
+}
+
+#[test]
+fn data_that_nothing_can_be_learned_from() {
+    let place = Place::new();
+    let sentence = refused(&place, |words| words[2] = format!("{}@3..4", tube()));
+    assert!(sentence.contains("gives no snippet of 3 frames"), "{sentence}");
+
+    let (mixed, small) = (place.path("mixed"), endoscape_core::Size::new(8, 8));
+    common::copy(tube(), &mixed);
+    let picture = endoscape_core::Image::from_fn(small, |_, _| [1; 3]);
+    endoscape_frames::picture::write_png(&mixed.join("frames/000003.png"), &picture).unwrap();
+    let sentence = refused(&place, |words| words[2] = mixed.display().to_string());
+    assert!(sentence.contains("000003.png") && sentence.contains("8x8"), "{sentence}");
+
+    let (frames, camera) = (place.path("mixed/frames"), place.path("lens.yaml"));
+    fs::copy(Path::new(&tube()).join("frames/000003.png"), frames.join("000003.png")).unwrap();
+    fs::write(&camera, "this is no calibration").unwrap();
+    let sentence = refused(&place, |words| {
+        words[2] = frames.display().to_string();
+        words.extend(["--camera".into(), camera.display().to_string()]);
+    });
+    assert!(sentence.contains("lens.yaml"), "{sentence}");
+}
+
+#[test]
+fn pictures_that_are_no_numbers() {
+    let place = Place::new();
+    let frames = place.path("float");
+    fs::create_dir(&frames).unwrap();
+    for number in 0..4 {
+        let pixel = |x: u32, _| image::Rgb([if x == 5 { f32::NAN } else { 0.4 }, 0.2, 0.3]);
+        let picture = image::DynamicImage::ImageRgb32F(image::ImageBuffer::from_fn(64, 48, pixel));
+        picture.save(frames.join(format!("{number}.tiff"))).unwrap();
+    }
+    let sentence = refused(&place, |words| {
+        words[2] = frames.display().to_string();
+        words.extend(["--hfov".into(), "80".into()]);
+    });
+    assert!(sentence.contains("0.tiff") && sentence.contains("not a number"), "{sentence}");
+}
+
+/// A disk of four megabytes of its own fills up in the middle of a run; room made, the run goes on.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_costs_no_checkpoint() {
+    let place = Place::new();
+    let disk = place.path("disk");
+    fs::create_dir(&disk).unwrap();
+    let command = |words: Vec<String>| format!("{} {}", env!("CARGO_BIN_EXE_endoscape"), words.join(" "));
+    let (begin, resume) = (command(place.begin("disk/run", "2")), command(place.resume("disk/run", "4")));
+    let disk = disk.display();
+    let script = format!(
+        "mount -t tmpfs -o size=4m none {disk} || exit 99
+        {begin} && ! dd if=/dev/zero of={disk}/filler bs=4k 2>&- && ! {resume} && rm {disk}/filler && {resume}"
+    );
+    // Mounting needs a name space of our own.
+    let output = Command::new("unshare").args(["--map-root-user", "--mount", "sh", "-c", &script]).output();
+    let Some(output) = output.ok().filter(|output| output.status.code() != Some(99)) else {
+        eprintln!("skipped: a small disk cannot be mounted here");
+        return;
+    };
+    let told = String::from_utf8_lossy(&output.stderr);
+    if told.contains("unshare") {
+        eprintln!("skipped: {told}");
+        return;
+    }
+    assert!(output.status.success(), "{told}");
+    let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert!(errors.len() == 1 && errors[0].contains("No space left"), "{told}");
 }

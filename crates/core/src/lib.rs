@@ -5,6 +5,7 @@
 //! | [`raster`] | [`Size`], [`Rect`], [`Image`], [`Grid`], [`DepthMap`], [`Mask`] |
 //! | [`camera`] | [`Camera`] and its five projection models |
 //! | [`se3`] | [`Pose`] with exponential, logarithm and adjoint |
+//! | [`motion`] | [`Rotation`]: what the last three of the six numbers of a motion mean |
 //! | [`trajectory`] | [`Trajectory`] of timed `world_from_camera` poses and its text formats |
 //! | [`magnetic`] | the field of a [`Dipole`](magnetic::Dipole), the Hall array and magnet of a [`MagneticRig`] |
 //! | [`observation`] | [`Observation`]: a [`Frame`] or a [`MagneticReading`] |
@@ -18,6 +19,7 @@
 pub mod camera;
 pub mod event;
 pub mod magnetic;
+pub mod motion;
 pub mod observation;
 pub mod odometry;
 pub mod raster;
@@ -27,6 +29,7 @@ pub mod trajectory;
 pub use camera::{Camera, CameraError, CameraModel};
 pub use event::{Event, EventSink};
 pub use magnetic::MagneticRig;
+pub use motion::Rotation;
 pub use observation::{Frame, MagneticReading, Observation};
 pub use odometry::{DepthEstimator, Odometry, TrackError, Tracked};
 pub use raster::{DepthMap, Grid, Image, Mask, RasterError, Rect, Size};

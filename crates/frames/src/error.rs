@@ -1,5 +1,6 @@
 //! Everything that can go wrong between a path and a frame, as sentences for the person who typed the path.
 
+use endoscape_core::Size;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -45,6 +46,19 @@ pub enum FramesError {
         reason: String,
         /// What to do.
         remedy: String,
+    },
+    /// A picture of another size than its sequence.
+    #[error(
+        "{}: the picture is {found} but the sequence is {expected}; leave it out or convert it to the size of the others",
+        path.display()
+    )]
+    OtherSize {
+        /// The picture or video.
+        path: PathBuf,
+        /// Its size.
+        found: Size,
+        /// The size of the sequence.
+        expected: Size,
     },
     /// No loader knows the folder or file.
     #[error("{}: {reason}; give a video, a folder of pictures, a data-set sequence or a sequence folder", path.display())]

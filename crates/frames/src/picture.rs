@@ -40,9 +40,23 @@ pub fn read(path: &Path) -> Result<Image, FramesError> {
         DynamicImage::ImageRgba16(colour) => {
             colour.into_raw().chunks_exact(4).flat_map(|v| [upper(&v[0]), upper(&v[1]), upper(&v[2])]).collect()
         }
+        float @ (DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) => {
+            check_numbers(path, &float.to_rgb32f())?;
+            float.into_rgb8().into_raw()
+        }
         other => other.into_rgb8().into_raw(),
     };
     Image::new(size, rgb).map_err(|error| FramesError::file(path, error.to_string(), "fetch the file again"))
+}
+
+/// # Errors
+/// [`FramesError`] naming the first pixel of a floating-point picture that is not a finite number.
+fn check_numbers(path: &Path, picture: &image::Rgb32FImage) -> Result<(), FramesError> {
+    let wrong = picture.enumerate_pixels().find(|(.., pixel)| pixel.0.iter().any(|value| !value.is_finite()));
+    wrong.map_or(Ok(()), |(x, y, _)| {
+        let reason = format!("holds a value that is not a number at column {x}, row {y}");
+        Err(FramesError::file(path, reason, "write the picture again without such values"))
+    })
 }
 
 const fn upper(value: &u16) -> u8 {

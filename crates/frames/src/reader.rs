@@ -158,8 +158,7 @@ fn check_size(path: &Path, got: Size, sequence: Size) -> Result<(), FramesError>
     if got == sequence {
         return Ok(());
     }
-    let reason = format!("the picture is {got} but the sequence is {sequence}");
-    Err(FramesError::file(path, reason, "leave it out or convert it to the size of the others"))
+    Err(FramesError::OtherSize { path: path.to_path_buf(), found: got, expected: sequence })
 }
 
 fn read_picture(entry: &FrameEntry, size: Size) -> Result<Image, FramesError> {

@@ -187,6 +187,18 @@ impl DispNet {
     /// # Panics
     /// If the image has not three channels.
     pub fn forward(&self, image: Tensor<4>) -> DisparityPyramid {
+        self.forward_tapped(image, |_, disparity| disparity)
+    }
+
+    /// [`Self::forward`], each prediction (scale, disparity) passing through `tap` before the finer ones see it.
+    ///
+    /// # Shapes
+    /// As [`Self::forward`]; `tap` keeps the shape.
+    pub(crate) fn forward_tapped(
+        &self,
+        image: Tensor<4>,
+        mut tap: impl FnMut(usize, Tensor<4>) -> Tensor<4>,
+    ) -> DisparityPyramid {
         assert_shape!(image, [_, 3, _, _]);
         let full_size = spatial_size(&image);
         let (mut skips, mut features) = self.encode(image);
@@ -199,11 +211,9 @@ impl DispNet {
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
             features = stage.fuse.forward(Tensor::cat(inputs, 1));
             if index >= FIRST_HEAD {
-                scales.push(self.disparity(convolve(
-                    &self.heads[index - FIRST_HEAD],
-                    features.clone(),
-                    Activation::None,
-                )));
+                let head = &self.heads[index - FIRST_HEAD];
+                let disparity = self.disparity(convolve(head, features.clone(), Activation::None));
+                scales.push(tap(SCALES - 1 - scales.len(), disparity));
             }
         }
         DisparityPyramid { scales: std::array::from_fn(|scale| scales[SCALES - 1 - scale].clone()) }

@@ -4,7 +4,6 @@
 //! |---|---|
 //! | [`disp_net`] | [`DispNet`]: one picture to a [`DisparityPyramid`] |
 //! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
-//! | [`motion`] | [`Rotation`]: what the last three numbers of a motion mean |
 //! | [`config`] | [`NetsConfig`] and its presets |
 //! | [`input`] | pictures as the networks see them |
 //! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
@@ -26,20 +25,21 @@ mod folding;
 pub mod import;
 pub mod input;
 pub mod layers;
-pub mod motion;
 pub mod onnx;
 pub mod plan;
 pub mod pose_mask_net;
+#[cfg(test)]
+mod tests;
 mod weights;
 
 pub use checkpoint::{Checkpoint, DataSource, Manifest, TrainedInput};
 pub use config::NetsConfig;
 pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
+pub use endoscape_core::Rotation;
 pub use error::NetsError;
 pub use import::Network;
 pub use input::network_input;
 pub use layers::Padding;
-pub use motion::Rotation;
 pub use onnx::OnnxOptions;
 pub use plan::{DepthPlan, InferencePlan, MotionPlan};
 pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};

@@ -9,11 +9,11 @@ use crate::conv::{Activation, convolve};
 use crate::disp_net::SCALES;
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size};
-use crate::motion::Rotation;
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, assert_shape};
+use endoscape_core::Rotation;
 use serde::{Deserialize, Serialize};
 
 const ENCODER_KERNELS: [usize; 5] = [7, 5, 3, 3, 3];

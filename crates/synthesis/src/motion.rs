@@ -5,20 +5,7 @@
 //! at zero motion, where training starts.
 
 use burn::tensor::Tensor;
-use serde::{Deserialize, Serialize};
-
-/// What the three rotation parameters of a motion vector mean.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Rotation {
-    /// Angles in radians about x, y, z; `R = Rx Ry Rz` (SfMLearner).
-    #[default]
-    Euler,
-    /// Vector part of a quaternion whose scalar part is 1 before normalisation (SfMLearner's PyTorch port).
-    Quaternion,
-    /// Rotation axis times angle in radians, through the exponential map of SO(3) (Rodrigues' formula).
-    AxisAngle,
-}
+pub use endoscape_core::Rotation;
 
 /// Rigid transforms from motion vectors.
 ///

@@ -5,8 +5,8 @@
 
 use crate::error::TrainError;
 use endoscape_core::{Camera, DepthMap, Event, EventSink, Frame, Image, Mask, Pose, Size};
-use endoscape_frames::Sequence;
 use endoscape_frames::preprocess::{field_of_view, resize, specular};
+use endoscape_frames::{FramesError, Sequence};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
 use std::sync::Arc;
@@ -67,7 +67,8 @@ impl Clip {
     ///
     /// # Errors
     /// [`TrainError::Data`] for a live source, a sequence without a camera, or a range without frames;
-    /// [`TrainError::Frames`] for a source that cannot be opened.
+    /// [`TrainError::Frames`] for a source that cannot be opened or of which no frame decodes, and for
+    /// frames of two sizes.
     pub fn load(sequence: &Sequence, options: &ClipOptions, events: &mut dyn EventSink) -> Result<Self, TrainError> {
         let range = options.range.start..options.range.end.min(sequence.frames.len());
         let name = format!("{}@{}..{}", sequence.name, range.start, range.end);
@@ -75,7 +76,7 @@ impl Clip {
         let total = Some(range.len() as u64);
         events.event(Event::Started { stage: format!("reading {name}"), total });
         let mut source = sequence.open_frames(range.clone())?;
-        let (mut frames, mut hash) = (Vec::with_capacity(range.len()), Sha256::new());
+        let (mut frames, mut hash, mut first_error) = (Vec::with_capacity(range.len()), Sha256::new(), None);
         loop {
             match source.next_frame() {
                 Ok(Some(frame)) => {
@@ -84,10 +85,18 @@ impl Clip {
                     events.event(Event::Advanced { done: frames.len() as u64 });
                 }
                 Ok(None) => break,
-                Err(error) => events.event(Event::Warned(format!("{error}; training goes on without that frame"))),
+                // Two recordings in one folder: whatever was meant, training on a part of it was not.
+                Err(error @ FramesError::OtherSize { .. }) => return Err(error.into()),
+                Err(error) => {
+                    events.event(Event::Warned(format!("{error}; training goes on without that frame")));
+                    first_error.get_or_insert(error);
+                }
             }
         }
         events.event(Event::Finished);
+        if let (true, Some(error)) = (frames.is_empty(), first_error) {
+            return Err(error.into());
+        }
         restrict_to_field_of_view(&mut frames);
         let mut clip = Self { name, frames, camera, fingerprint: format!("sha256:{:x}", hash.finalize()) };
         if options.with_depth {

@@ -4,7 +4,7 @@ use crate::batch::SnippetBatch;
 use crate::error::TrainError;
 use burn::module::{Module, ModuleMapper, Param, ParamId};
 use burn::tensor::Tensor;
-use endoscape_nets::{Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet, Rotation};
+use endoscape_nets::{Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet};
 use endoscape_synthesis::{Prediction, source_from_target};
 
 /// The depth and the motion network.
@@ -54,7 +54,7 @@ impl DepthMotionModel {
         let motions = 0..self.pose.sources();
         let transform = |source: usize| {
             let motion: Tensor<2> = pose.motion.clone().narrow(1, source, 1).squeeze_dim(1);
-            source_from_target(motion, synthesis_rotation(pose.rotation))
+            source_from_target(motion, pose.rotation)
         };
         let prediction = Prediction {
             disparities: target,
@@ -71,15 +71,6 @@ impl DepthMotionModel {
         let DisparityPyramid { scales } = self.disp.forward(Tensor::cat(pictures.to_vec(), 0));
         let part = |index: usize| scales.iter().map(|scale| scale.clone().narrow(0, index * batch, batch)).collect();
         (0..pictures.len()).map(part).collect()
-    }
-}
-
-/// The same convention under the name view synthesis has for it.
-const fn synthesis_rotation(rotation: Rotation) -> endoscape_synthesis::Rotation {
-    match rotation {
-        Rotation::Euler => endoscape_synthesis::Rotation::Euler,
-        Rotation::Quaternion => endoscape_synthesis::Rotation::Quaternion,
-        Rotation::AxisAngle => endoscape_synthesis::Rotation::AxisAngle,
     }
 }
 

@@ -1,6 +1,6 @@
-//! From six numbers of the network to a rigid motion.
+//! From six numbers of a network to a rigid motion.
 
-use endoscape_core::Pose;
+use crate::se3::Pose;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,8 @@ pub enum Rotation {
 }
 
 impl Rotation {
-    /// The rigid motion `source_from_target` of one row of [`PoseMask::motion`](crate::PoseMask::motion).
+    /// The rigid motion `source_from_target` of six numbers: a translation in the unit of depth, then three that say
+    /// the rotation. View synthesis has the same maps as tensor operations.
     pub fn pose(self, motion: [f64; 6]) -> Pose {
         let [tx, ty, tz, rx, ry, rz] = motion;
         let about = |axis: Vector3<f64>, angle_rad: f64| UnitQuaternion::from_scaled_axis(axis * angle_rad);
