@@ -11,8 +11,8 @@ mod tests;
 use crate::checkpoint::Checkpoint;
 use crate::disp_net::{DispNet, FIRST_HEAD};
 use crate::error::NetsError;
-use crate::motion::Rotation;
 use crate::pose_mask_net::{MOTION_SCALE, MaskDecoder, MaskHead, PoseMaskNet};
+use endoscape_core::Rotation;
 use graph::{Graph, Value};
 
 /// Both networks of a checkpoint, as far as it has them.
