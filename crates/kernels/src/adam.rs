@@ -39,13 +39,23 @@ impl AdamStep {
         let pieces = updated.par_chunks_mut(PIECE).zip(old).zip(moments);
         let level = Level::default();
         pieces.for_each(|((updated, (parameters, gradient)), (means, squares))| {
-            level.run(#[inline(always)] || self.apply_to_piece(updated, parameters, gradient, means, squares));
+            level.run(
+                #[inline(always)]
+                || self.apply_to_piece(updated, parameters, gradient, means, squares),
+            );
         });
         updated
     }
 
     #[inline(always)]
-    fn apply_to_piece(self, updated: &mut [f32], old: &[f32], gradient: &[f32], means: &mut [f32], squares: &mut [f32]) {
+    fn apply_to_piece(
+        self,
+        updated: &mut [f32],
+        old: &[f32],
+        gradient: &[f32],
+        means: &mut [f32],
+        squares: &mut [f32],
+    ) {
         let Self { beta_1, beta_2, epsilon, learning_rate, time } = self;
         let correction = (1.0 - beta_2.powi(time as i32)).sqrt();
         let length = learning_rate * correction / (1.0 - beta_1.powi(time as i32));

@@ -203,8 +203,7 @@ impl Correlation {
         workspace: &mut Workspace,
     ) {
         let Geometry { large_channels, small_channels, .. } = self.geometry;
-        let sizes =
-            [large_channels * self.geometry.large_area(), small_channels * self.geometry.small_area()];
+        let sizes = [large_channels * self.geometry.large_area(), small_channels * self.geometry.small_area()];
         let [from, to] = if self.towards_large { [sizes[1], sizes[0]] } else { sizes };
         assert!(input.len().is_multiple_of(from), "input of {:?}", self.geometry);
         assert_eq!(output.len(), input.len() / from * to, "output of {:?}", self.geometry);

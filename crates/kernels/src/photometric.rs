@@ -118,7 +118,10 @@ impl Comparison<'_> {
         pictures.for_each(|(picture, errors)| {
             // A dozen rows are a sensible piece of work.
             errors.par_chunks_mut(self.size[1] * 12).enumerate().for_each(|(piece, errors)| {
-                Level::default().run(#[inline(always)] || self.error_of_rows(picture, piece * 12, errors));
+                Level::default().run(
+                    #[inline(always)]
+                    || self.error_of_rows(picture, piece * 12, errors),
+                );
             });
         });
         errors
@@ -160,7 +163,10 @@ impl Comparison<'_> {
         let mut gradients = vec![0.0; self.b.len()];
         gradients.par_chunks_mut(area).enumerate().for_each(|(plane, gradients)| {
             let of_errors = &gradient[plane / self.channels * area..][..area];
-            Level::default().run(#[inline(always)] || self.gradient_of_plane(plane, of_errors, gradients));
+            Level::default().run(
+                #[inline(always)]
+                || self.gradient_of_plane(plane, of_errors, gradients),
+            );
         });
         gradients
     }
@@ -172,7 +178,13 @@ impl Comparison<'_> {
         let absolute = (1.0 - self.ssim_weight) * per_channel;
         let pixels = a.iter().zip(b).zip(of_errors);
         for (gradient, ((a, b), of_error)) in gradients.iter_mut().zip(pixels) {
-            let sign = if b > a { 1.0 } else if b < a { -1.0 } else { 0.0 };
+            let sign = if b > a {
+                1.0
+            } else if b < a {
+                -1.0
+            } else {
+                0.0
+            };
             *gradient = absolute * sign * of_error;
         }
         if self.ssim_weight == 0.0 {

@@ -49,8 +49,9 @@ impl Sampling<'_> {
         let pictures = read.par_chunks_mut((self.channels * self.area).max(1)).enumerate();
         pictures.for_each(|(picture, read)| {
             let mut planes: Vec<_> = read.chunks_mut(self.area).map(|plane| plane.chunks_mut(PIECE)).collect();
-            let pieces: Vec<Vec<&mut [f32]>> =
-                (0..self.area.div_ceil(PIECE)).map(|_| planes.iter_mut().filter_map(Iterator::next).collect()).collect();
+            let pieces: Vec<Vec<&mut [f32]>> = (0..self.area.div_ceil(PIECE))
+                .map(|_| planes.iter_mut().filter_map(Iterator::next).collect())
+                .collect();
             pieces.into_par_iter().enumerate().for_each(|(piece, mut planes)| {
                 self.cells(picture, piece, |place, cell| {
                     for (channel, plane) in planes.iter_mut().enumerate() {

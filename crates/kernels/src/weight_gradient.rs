@@ -275,14 +275,15 @@ impl Panels<'_> {
     ) -> usize {
         let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
         let count = (N * S::F32_LANES).min(run - place);
-        let panels = self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
+        let panels =
+            self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
         for (sums, gradients) in panels {
             let (mut gradients, _) = gradients.as_chunks::<M>();
             let mut added = tile::zero::<S, M, N>(simd);
             for piece in self.window {
                 let (of_piece, rest) = gradients.split_at(piece.rows.len() * self.work.geometry.small[1]);
                 let (source, lines) = self.work.lines(piece, kernel_row, place);
-                tile::add_outer::<S, M, N>(simd, &mut added, source, lines, of_piece);
+                added = tile::add_outer::<S, M, N>(simd, added, source, lines, of_piece);
                 gradients = rest;
             }
             let channels = sums.chunks_exact_mut(self.work.of_a_channel());

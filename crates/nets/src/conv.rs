@@ -68,7 +68,8 @@ pub(crate) fn geometry_of(layer: &Conv2d, large: [usize; 2]) -> Option<Geometry>
     let [small_channels, large_channels, kernel, kernel_columns] = layer.weight.dims();
     let stride = layer.stride[0];
     let plain = layer.stride == [stride; 2] && layer.dilation == [1, 1] && layer.groups == 1;
-    let known = plain && kernel == kernel_columns && matches!(stride, 1 | 2) && layer.weight.val().dtype() == DType::F32;
+    let known =
+        plain && kernel == kernel_columns && matches!(stride, 1 | 2) && layer.weight.val().dtype() == DType::F32;
     let (before, small) = match layer.padding {
         PaddingConfig2d::Explicit(top, left, bottom, right) => {
             let rows = (large[0] + top + bottom).checked_sub(kernel)? / stride + 1;
@@ -90,7 +91,8 @@ pub(crate) fn up_geometry_of(layer: &ConvTranspose2d, small: [usize; 2], large: 
     let [small_channels, large_channels, kernel, kernel_columns] = layer.weight.dims();
     let stride = layer.stride[0];
     let plain = layer.stride == [stride; 2] && layer.dilation == [1, 1] && layer.groups == 1;
-    let known = plain && kernel == kernel_columns && matches!(stride, 1 | 2) && layer.weight.val().dtype() == DType::F32;
+    let known =
+        plain && kernel == kernel_columns && matches!(stride, 1 | 2) && layer.weight.val().dtype() == DType::F32;
     let before = layer.padding;
     known.then_some(Geometry { large_channels, small_channels, kernel, stride, before, large, small })
 }

@@ -199,7 +199,11 @@ impl DispNet {
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
             features = stage.fuse.forward(Tensor::cat(inputs, 1));
             if index >= FIRST_HEAD {
-                scales.push(self.disparity(convolve(&self.heads[index - FIRST_HEAD], features.clone(), Activation::None)));
+                scales.push(self.disparity(convolve(
+                    &self.heads[index - FIRST_HEAD],
+                    features.clone(),
+                    Activation::None,
+                )));
             }
         }
         DisparityPyramid { scales: std::array::from_fn(|scale| scales[SCALES - 1 - scale].clone()) }

@@ -290,7 +290,8 @@ impl PoseMaskNet {
 
     fn predict_motion(&self, [.., deepest]: &[Tensor<4>; 5]) -> Tensor<3> {
         let features = self.motion.iter().fold(deepest.clone(), |features, stage| stage.forward(features));
-        let motion = convolve(&self.motion_head, features, Activation::None).mean_dims(&[2, 3]).mul_scalar(MOTION_SCALE);
+        let motion =
+            convolve(&self.motion_head, features, Activation::None).mean_dims(&[2, 3]).mul_scalar(MOTION_SCALE);
         let batch = motion.dims()[0];
         motion.reshape([batch, self.sources, 6])
     }

@@ -12,7 +12,9 @@
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Distribution, Tensor};
 use endoscape_core::{Camera, Size};
-use endoscape_nets::{Checkpoint, DepthPlan, InferencePlan, MaskHead, MotionPlan, Network, NetsConfig, OnnxOptions, SCALES};
+use endoscape_nets::{
+    Checkpoint, DepthPlan, InferencePlan, MaskHead, MotionPlan, NetsConfig, Network, OnnxOptions, SCALES,
+};
 use endoscape_synthesis::config::Scales;
 use endoscape_synthesis::objective::{View, ViewBatch};
 use endoscape_synthesis::{CameraPyramid, ObjectiveConfig, objective, pyramid};
@@ -103,19 +105,27 @@ fn infer(what: &str, checkpoint: &Checkpoint, size: Size, count: usize) -> Resul
     match what {
         "depth" => {
             let mut plan = DepthPlan::new(disp, rows_columns)?;
-            Ok(timed(count, || { black_box(plan.disparity(image)); }))
+            Ok(timed(count, || {
+                black_box(plan.disparity(image));
+            }))
         }
         "motion" => {
             let mut plan = MotionPlan::new(pose, rows_columns, false)?;
-            Ok(timed(count, || { black_box(plan.motion(&snippet)); }))
+            Ok(timed(count, || {
+                black_box(plan.motion(&snippet));
+            }))
         }
         "both" => {
             let mut plan = InferencePlan::new(checkpoint, rows_columns, false)?;
-            Ok(timed(count, || { black_box(plan.depth_and_motion(&snippet)); }))
+            Ok(timed(count, || {
+                black_box(plan.depth_and_motion(&snippet));
+            }))
         }
         "forward" => {
             let image = noise([1, 3, size.height, size.width], &Device::flex());
-            Ok(timed(count, || { black_box(disp.forward(image.clone())); }))
+            Ok(timed(count, || {
+                black_box(disp.forward(image.clone()));
+            }))
         }
         _ => Err("infer what?".into()),
     }

@@ -4,9 +4,9 @@
 //! first step, it is Burn's. State and files are those of Burn's Adam.
 
 use crate::model::DepthMotionModel;
-use burn::module::{Module, ModuleVisitor, Param};
 use burn::backend::Flex;
 use burn::backend::flex::FlexTensor;
+use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{Adam, AdamConfig, AdamState, GradientsParams, LearningRate, ModuleOptimizer, Optimizer};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use endoscape_kernels::AdamStep;

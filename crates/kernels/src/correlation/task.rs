@@ -74,7 +74,8 @@ impl Work<'_> {
         let panel_groups = self.weights.panels.len().div_ceil(panels_per_task);
         let task = |index: usize| {
             let (segments, panels) = (index / panel_groups, index % panel_groups);
-            let segments = segments * segments_per_task..((segments + 1) * segments_per_task).min(pictures * per_picture);
+            let segments =
+                segments * segments_per_task..((segments + 1) * segments_per_task).min(pictures * per_picture);
             let panels = panels * panels_per_task..((panels + 1) * panels_per_task).min(self.weights.panels.len());
             let segment = |segment: usize| {
                 let first_row = segment % per_picture * rows;

@@ -65,7 +65,11 @@ pub fn product(
         return None;
     }
     let product = Product { direction, geometry, relu: activation == Activation::Relu };
-    if input.device().is_autodiff() { product.tracked([input, weight], bias) } else { product.plain([input, weight], bias) }
+    if input.device().is_autodiff() {
+        product.tracked([input, weight], bias)
+    } else {
+        product.plain([input, weight], bias)
+    }
 }
 
 /// A convolution of either direction with bias and perhaps ReLU.
@@ -90,8 +94,11 @@ impl Product {
         let (weight, weight_node) = weight.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let (bias, bias_node) = bias.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let output = self.forward(&input, &weight, &bias);
-        let preparation =
-            self.prepare::<burn::backend::autodiff::checkpoint::strategy::NoCheckpointing>([input_node, weight_node, bias_node]);
+        let preparation = self.prepare::<burn::backend::autodiff::checkpoint::strategy::NoCheckpointing>([
+            input_node,
+            weight_node,
+            bias_node,
+        ]);
         let output = match preparation.compute_bound().stateful() {
             OpsKind::Tracked(preparation) => {
                 let kept = Kept { input, weight, output: self.relu.then(|| output.clone()) };

@@ -3,10 +3,10 @@
 //! A value is a run of channels of a buffer. Layers write where the next one reads: what the network concatenates is
 //! computed side by side into one buffer and never copied.
 
+use crate::conv;
 use crate::error::NetsError;
 use crate::folding::{Kernel, folded};
 use crate::layers::{ConvBlock, UpConvBlock};
-use crate::conv;
 use burn::nn::conv::Conv2d;
 use burn::tensor::ExecutionError;
 use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, PackedWeights, Workspace, enlarge};
@@ -37,13 +37,21 @@ impl Value {
 /// One step of the computation.
 #[derive(Debug)]
 enum Step {
-    Convolve { correlation: Box<Correlation>, weights: PackedWeights, bias: Vec<f32>, relu: bool },
+    Convolve {
+        correlation: Box<Correlation>,
+        weights: PackedWeights,
+        bias: Vec<f32>,
+        relu: bool,
+    },
     /// Twice the size, bilinearly, cut to the size of the output.
     Enlarge,
     /// Of each pair of channels, the second minus the first.
     SubtractPairs,
     /// `scale * sigmoid(x) + offset`, in place.
-    Squash { scale: f32, offset: f32 },
+    Squash {
+        scale: f32,
+        offset: f32,
+    },
 }
 
 /// A network without branches that depend on its input.
@@ -126,6 +134,11 @@ impl Graph {
 
     /// Computes every step.
     pub fn run(&mut self) {
+        // On a thread of the pool: handing every layer over from outside takes longer than a small layer.
+        rayon::scope(|_| self.run_steps());
+    }
+
+    fn run_steps(&mut self) {
         let Self { buffers, steps, workspace } = self;
         for (step, from, to) in steps {
             let mut output = std::mem::take(&mut buffers[to.buffer]);
