@@ -28,6 +28,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "endoscape-cli",
         &[
+            "endoscape-baselines",
             "endoscape-core",
             "endoscape-frames",
             "endoscape-eval",

@@ -79,6 +79,7 @@ fn a_model_runs_and_its_results_can_be_evaluated() {
     assert_eq!((files(&out, "depth"), files(&out, "reliability")), (FRAMES, FRAMES));
     let written: Value = serde_json::from_slice(&fs::read(format!("{out}/run.json")).unwrap()).unwrap();
     assert_eq!(written, summary);
+    assert!(fs::read_to_string(format!("{out}/report.html")).unwrap().contains("</html>"));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "drafts were left behind");
 
     let trajectory = json(&["eval", "trajectory", &out, &tube(), "--align", "sim3", "--json"]);
@@ -355,4 +356,33 @@ fn memory_does_not_grow_with_the_video() {
     eprintln!("peak memory: {short:.0} MB after 1,000 frames, {long:.0} MB after 100,000");
     // The list of frames, some 500 bytes each with its times, is known before the run begins.
     assert!(long < short + 60.0, "{short} MB became {long} MB");
+}
+
+#[test]
+fn the_direct_method_needs_a_camera_but_no_model() {
+    let (_folder, out) = place();
+    let summary = json(&["run", &tube(), "--method", "direct", "--out", &out, "--json"]);
+    assert_eq!((summary["method"].as_str(), summary["model"].is_null()), (Some("direct"), true));
+    assert_eq!((summary["frames"].as_u64(), summary["lost_frames"].as_array().map(Vec::len)), (Some(12), Some(0)));
+    assert_complete(&out, FRAMES);
+    let trajectory = json(&["eval", "trajectory", &out, &tube(), "--align", "sim3", "--json"]);
+    assert!(trajectory["ate_m"]["rmse"].as_f64().unwrap() < 2e-3);
+    let pictures = root().join("fixtures/tube/frames").display().to_string();
+    let (_elsewhere, out) = place();
+    assert!(fail(&["run", &pictures, "--method", "direct", "--out", &out]).contains("needs the camera"));
+}
+
+#[test]
+fn the_magnetic_method_finds_the_capsule_in_metres() {
+    let (folder, out) = place();
+    let patient = folder.path().join("patient").display().to_string();
+    succeed(&["simulate", &patient, "--frames", "8", "--size", "32x32", "--effects", "none", "--seed", "3"]);
+    let summary = json(&["run", &patient, "--method", "magnetic", "--out", &out, "--json"]);
+    assert_eq!((summary["frames"].as_u64(), summary["depth"]["unit"].as_str()), (Some(8), Some("metres")));
+    assert_complete(&out, 8);
+    let trajectory = json(&["eval", "trajectory", &out, &patient, "--align", "none", "--json"]);
+    assert!(trajectory["ate_m"]["rmse"].as_f64().unwrap() < 2e-3, "{trajectory}");
+    assert!(Path::new(&out).join("report.html").exists());
+    let (_elsewhere, out) = place();
+    assert!(fail(&["run", &tube(), "--method", "magnetic", "--out", &out]).contains("holds no magnet.toml"));
 }

@@ -6,7 +6,7 @@
 
 use crate::OdometryError;
 use crate::latency::LatencyAccount;
-use endoscape_core::{Event, EventSink, Frame, Observation, Odometry, Pose, TimedPose, Tracked};
+use endoscape_core::{Event, EventSink, Frame, MagneticReading, Observation, Odometry, Pose, TimedPose, Tracked};
 use endoscape_frames::{FrameSource, FramesError, Sequence};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -88,9 +88,28 @@ pub fn run(
     let total = (range.end < usize::MAX).then_some(range.len() as u64);
     events.event(Event::Started { stage: format!("running {}", odometry.name()), total });
     let mut source = job.sequence.open_frames(range.clone())?;
-    let walk =
-        Walk { job, odometry, sink, events, next: range.start, account: Account::default(), pose: Pose::identity() };
-    walk.through(source.as_mut(), &range)
+    let answers = Answers::new(job.lost_below, sink, events);
+    Walk { job, odometry, answers, next: range.start }.through(source.as_mut(), &range)
+}
+
+/// Shows a method every reading of a magnetic array and hands its answers on; `lost_below` as in [`Job`].
+///
+/// # Errors
+/// [`OdometryError`]: readings that are not for the method, or an answer that cannot be written.
+pub fn run_readings(
+    readings: &[MagneticReading],
+    lost_below: f64,
+    odometry: &mut dyn Odometry,
+    sink: &mut dyn StepSink,
+    events: &mut dyn EventSink,
+) -> Result<Account, OdometryError> {
+    let (begun, total) = (Instant::now(), Some(readings.len() as u64));
+    events.event(Event::Started { stage: format!("running {}", odometry.name()), total });
+    let mut answers = Answers::new(lost_below, sink, events);
+    for reading in readings {
+        answers.ask(odometry, (reading.index, reading.time_s), &Observation::Magnetic(reading.clone()))?;
+    }
+    Ok(answers.close(begun))
 }
 
 /// The frames that exist; of a live source, whose end is not known, those asked for.
@@ -104,17 +123,13 @@ fn range_of(job: &Job<'_>) -> Result<Range<usize>, OdometryError> {
     Ok(range)
 }
 
-/// A run under way.
+/// A run over frames under way.
 struct Walk<'a> {
     job: &'a Job<'a>,
     odometry: &'a mut dyn Odometry,
-    sink: &'a mut dyn StepSink,
-    events: &'a mut dyn EventSink,
+    answers: Answers<'a>,
     /// Position of the next frame.
     next: usize,
-    account: Account,
-    /// The latest pose.
-    pose: Pose,
 }
 
 impl Walk<'_> {
@@ -128,7 +143,7 @@ impl Walk<'_> {
                 Ok(Some(frame)) if frame.index >= range.end => break,
                 Ok(Some(frame)) if frame.index < range.start => {}
                 Ok(Some(frame)) => {
-                    self.account.latency.add(DECODE, asked.elapsed());
+                    self.answers.account.latency.add(DECODE, asked.elapsed());
                     self.catch_up(frame.index, &mut failure)?;
                     self.take(frame)?;
                     failures = 0;
@@ -144,7 +159,7 @@ impl Walk<'_> {
                 }
             }
         }
-        self.account.is_interrupted = self.job.stop.load(Ordering::Relaxed);
+        self.answers.account.is_interrupted = self.job.stop.load(Ordering::Relaxed);
         self.close(source, range, failure, begun)
     }
 
@@ -156,19 +171,17 @@ impl Walk<'_> {
         mut failure: Option<FramesError>,
         begun: Instant,
     ) -> Result<Account, OdometryError> {
-        if self.account.frames == 0 {
+        if self.answers.account.frames == 0 {
             let first = failure.map_or_else(|| "nothing came".to_owned(), |error| error.to_string());
             return Err(OdometryError::NoFrame { input: self.job.sequence.root.display().to_string(), first });
         }
         if self.job.sequence.is_live() {
-            self.account.warnings.extend(failure.map(|error| error.to_string()));
-        } else if !self.account.is_interrupted {
+            self.answers.account.warnings.extend(failure.map(|error| error.to_string()));
+        } else if !self.answers.account.is_interrupted {
             self.catch_up(range.end, &mut failure)?;
         }
-        self.account.warnings.extend(source.warnings());
-        self.account.elapsed_s = begun.elapsed().as_secs_f64();
-        self.events.event(Event::Finished);
-        Ok(self.account)
+        self.answers.account.warnings.extend(source.warnings());
+        Ok(self.answers.close(begun))
     }
 
     /// Answers for the frames before `position` that did not decode. A live source drops frames that nobody could have
@@ -178,7 +191,9 @@ impl Walk<'_> {
             let reason =
                 failure.take().map_or_else(|| "the frame does not decode".to_owned(), |error| error.to_string());
             let time_s = self.job.sequence.frames.get(self.next).map_or(0.0, |entry| entry.time_s);
-            self.answer(self.next, time_s, unseen(format!("the pose is repeated: {reason}")), Duration::ZERO)?;
+            let tracked = unseen(format!("the pose is repeated: {reason}"));
+            self.answers.answer((self.number(self.next), time_s), tracked, Duration::ZERO)?;
+            self.next += 1;
         }
         self.next = position;
         *failure = None;
@@ -187,20 +202,52 @@ impl Walk<'_> {
 
     fn take(&mut self, frame: Frame) -> Result<(), OdometryError> {
         let (position, time_s) = (frame.index, frame.time_s);
+        let which = (self.number(position), time_s);
+        self.answers.ask(self.odometry, which, &Observation::Frame(frame))?;
+        self.next = position + 1;
+        Ok(())
+    }
+
+    fn number(&self, position: usize) -> usize {
+        self.job.sequence.frames.get(position).map_or(position, |entry| entry.number)
+    }
+}
+
+/// What has been answered so far, whatever was asked about.
+struct Answers<'a> {
+    lost_below: f64,
+    sink: &'a mut dyn StepSink,
+    events: &'a mut dyn EventSink,
+    account: Account,
+    /// The latest pose.
+    pose: Pose,
+}
+
+impl<'a> Answers<'a> {
+    fn new(lost_below: f64, sink: &'a mut dyn StepSink, events: &'a mut dyn EventSink) -> Self {
+        Self { lost_below, sink, events, account: Account::default(), pose: Pose::identity() }
+    }
+
+    /// Shows the method an observation, given by number and time, and writes down what it says.
+    fn ask(
+        &mut self,
+        odometry: &mut dyn Odometry,
+        which: (usize, f64),
+        observation: &Observation,
+    ) -> Result<(), OdometryError> {
         let begun = Instant::now();
-        let tracked = self.odometry.track(&Observation::Frame(frame))?;
+        let tracked = odometry.track(observation)?;
         let latency = begun.elapsed();
         self.account.latency.add(FRAME, latency);
-        for (stage, duration) in self.odometry.stage_times() {
+        for (stage, duration) in odometry.stage_times() {
             self.account.latency.add(stage, *duration);
         }
-        self.answer(position, time_s, tracked, latency)
+        self.answer(which, tracked, latency)
     }
 
     fn answer(
         &mut self,
-        position: usize,
-        time_s: f64,
+        (number, time_s): (usize, f64),
         mut tracked: Tracked,
         latency: Duration,
     ) -> Result<(), OdometryError> {
@@ -208,8 +255,7 @@ impl Walk<'_> {
         if tracked.world_from_camera.is_none() && tracked.warning.is_none() {
             tracked.warning = Some("the method has no pose, so that of the frame before is repeated".into());
         }
-        let is_tracked = tracked.world_from_camera.is_some() && tracked.confidence >= self.job.lost_below;
-        let number = self.job.sequence.frames.get(position).map_or(position, |entry| entry.number);
+        let is_tracked = tracked.world_from_camera.is_some() && tracked.confidence >= self.lost_below;
         self.tell(number, &tracked);
         if !is_tracked {
             self.account.lost_frames.push(number);
@@ -219,9 +265,14 @@ impl Walk<'_> {
         self.sink.step(&Step { number, pose, is_tracked, tracked, latency })?;
         self.account.latency.add(WRITE, begun.elapsed());
         self.account.frames += 1;
-        self.next = position + 1;
         self.events.event(Event::Advanced { done: self.account.frames as u64 });
         Ok(())
+    }
+
+    fn close(mut self, begun: Instant) -> Account {
+        self.account.elapsed_s = begun.elapsed().as_secs_f64();
+        self.events.event(Event::Finished);
+        self.account
     }
 
     /// Tells the first few warnings; a long bad stretch is no reason to flood a terminal.

@@ -5,8 +5,9 @@ use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
 use crate::memory::peak_memory_mb;
 use crate::progress::Progress;
 use anyhow::{Context as _, bail};
-use endoscape_core::{Event, EventSink as _, Odometry, Size};
-use endoscape_frames::Sequence;
+use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
+use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
+use endoscape_frames::{Sequence, magnet};
 use endoscape_nets::Checkpoint;
 use endoscape_odometry::pipeline::{self, Job};
 use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
@@ -21,11 +22,17 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+/// Confidence below which a pose counts as lost, where the method does not say.
+const LOST_BELOW: f64 = 0.1;
+
+/// Unit of methods with a reference outside the body.
+const METRES: &str = "metres";
+
 /// Estimate the camera's path and the depth of every frame.
 ///
 /// INPUT is a video, a folder of images, a data-set sequence, a sequence folder or a live address; Ctrl-C ends a live
 /// run and keeps its results. The folder of --out gets trajectory.tum, trajectory.kitti, frames.csv, depth/,
-/// reliability/ and run.json. Lengths are in the unit of the training, which a single camera cannot tie to metres.
+/// reliability/, run.json and report.html. Lengths are in the unit of the training, which a single camera cannot tie to metres.
 #[derive(clap::Args)]
 #[command(after_help = "Example:
   endoscape run patient.mp4 --camera scope.yaml --model runs/phantom --out patient-run
@@ -33,7 +40,8 @@ use std::sync::atomic::AtomicBool;
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned.
+    /// How motion is estimated: learned, direct (from brightness, without a model) or magnetic (from the readings of a
+    /// sequence folder's magnet.csv).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
     /// Training run or checkpoint with the networks.
@@ -65,12 +73,16 @@ pub struct Args {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Method {
     Learned,
+    Direct,
+    Magnetic,
 }
 
 impl Method {
     const fn name(self) -> &'static str {
         match self {
             Self::Learned => "learned",
+            Self::Direct => "direct",
+            Self::Magnetic => "magnetic",
         }
     }
 }
@@ -81,7 +93,9 @@ impl FromStr for Method {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "learned" => Ok(Self::Learned),
-            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned")),
+            "direct" => Ok(Self::Direct),
+            "magnetic" => Ok(Self::Magnetic),
+            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic")),
         }
     }
 }
@@ -89,6 +103,10 @@ impl FromStr for Method {
 /// A method ready to run, with what `run.json` says about it.
 struct Prepared {
     odometry: Box<dyn Odometry>,
+    /// What the method looks at, where that is not the frames.
+    readings: Option<Vec<MagneticReading>>,
+    /// Unit of its lengths.
+    unit: &'static str,
     model: Option<String>,
     lost_below: f64,
     settings: serde_json::Value,
@@ -145,28 +163,33 @@ struct Config {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut progress = Progress::new();
     let sequence = args.input.open_assuming(args.hfov)?;
-    warn(&sequence, &mut progress);
-    let mut prepared = args.prepare()?;
+    args.warn(&sequence, &mut progress);
+    let mut prepared = args.prepare(&sequence)?;
     let out = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{}", sequence.name, args.method.name())));
     let mut writer = RunWriter::create(&out, args.depth)?;
     let stop = stop_on_interrupt()?;
     let range = args.range.clone().unwrap_or(0..usize::MAX);
     let job = Job { sequence: &sequence, range, lost_below: prepared.lost_below, stop: &stop };
-    let account = pipeline::run(&job, prepared.odometry.as_mut(), &mut writer, &mut progress)?;
+    let odometry = prepared.odometry.as_mut();
+    let account = match &prepared.readings {
+        None => pipeline::run(&job, odometry, &mut writer, &mut progress)?,
+        Some(readings) => pipeline::run_readings(readings, prepared.lost_below, odometry, &mut writer, &mut progress)?,
+    };
     let summary = args.summary(&sequence, prepared, account, (&writer, &out))?;
     writer.finish(&summary)?;
-    report(args.json, &summary)
+    let page = write_report(&sequence, &out, &mut progress);
+    report(args.json, &summary, page.as_deref())
 }
 
-fn warn(sequence: &Sequence, progress: &mut Progress) {
-    let mut warn = |warning: String| progress.event(Event::Warned(warning));
-    sequence.warnings.iter().cloned().for_each(&mut warn);
-    if sequence.camera.is_none() {
-        warn(
-            "the camera is not known: drift of the scale is not corrected and confidence rests on the motions alone; \
-             give a calibration with --camera FILE or the field of view with --hfov DEGREES"
-                .into(),
-        );
+/// The page about the run. The results are safe by now, so that a page that cannot be made is a warning.
+fn write_report(sequence: &Sequence, out: &Path, progress: &mut Progress) -> Option<PathBuf> {
+    let recorded = Some(sequence).filter(|sequence| !sequence.is_live());
+    match endoscape_report::run_report(out, recorded) {
+        Ok(page) => Some(page),
+        Err(error) => {
+            progress.event(Event::Warned(format!("no report was written: {error}")));
+            None
+        }
     }
 }
 
@@ -178,10 +201,24 @@ fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
 }
 
 impl Args {
+    fn warn(&self, sequence: &Sequence, progress: &mut Progress) {
+        let mut warn = |warning: String| progress.event(Event::Warned(warning));
+        sequence.warnings.iter().cloned().for_each(&mut warn);
+        if sequence.camera.is_none() && self.method == Method::Learned {
+            warn(
+                "the camera is not known: drift of the scale is not corrected and confidence rests on the motions \
+                 alone; give a calibration with --camera FILE or the field of view with --hfov DEGREES"
+                    .into(),
+            );
+        }
+    }
+
     /// Makes the method. Others plug in here.
-    fn prepare(&self) -> anyhow::Result<Prepared> {
+    fn prepare(&self, sequence: &Sequence) -> anyhow::Result<Prepared> {
         match self.method {
             Method::Learned => self.prepare_learned(),
+            Method::Direct => prepare_direct(sequence),
+            Method::Magnetic => prepare_magnetic(sequence),
         }
     }
 
@@ -197,6 +234,8 @@ impl Args {
             lost_below: config.lost_below,
             settings: serde_json::to_value(&config)?,
             odometry: Box::new(LearnedOdometry::new(checkpoint, config, &device)?),
+            readings: None,
+            unit: "of the training, not metres",
         })
     }
 
@@ -229,11 +268,11 @@ impl Args {
             depth: DepthSummary {
                 format: self.depth,
                 unit_per_step: writer.depth().unit(),
-                unit: "of the training, not metres",
+                unit: prepared.unit,
                 size,
                 camera,
             },
-            depth_metres_per_unit: None,
+            depth_metres_per_unit: (prepared.unit == METRES).then_some(1.0),
             config: Config {
                 input: sequence.root.display().to_string(),
                 format: sequence.format.to_string(),
@@ -246,7 +285,43 @@ impl Args {
     }
 }
 
-fn report(json: bool, summary: &Summary) -> anyhow::Result<()> {
+fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
+    let Some(camera) = &sequence.camera else {
+        bail!(
+            "the direct method needs the camera; give a calibration with --camera FILE or the field of view with --hfov DEGREES"
+        );
+    };
+    let config = DirectConfig::default();
+    Ok(Prepared {
+        model: None,
+        lost_below: LOST_BELOW,
+        settings: serde_json::to_value(config)?,
+        odometry: Box::new(Direct::new(config, camera)?),
+        readings: None,
+        unit: "of the first keyframe's depth, not metres",
+    })
+}
+
+fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
+    let Some((rig, readings)) = magnet::read(&sequence.root)? else {
+        bail!(
+            "{}: holds no magnet.toml and magnet.csv, which the magnetic method needs; give a sequence folder with the \
+             readings of a magnetic array",
+            sequence.root.display()
+        );
+    };
+    let config = MagneticConfig::default();
+    Ok(Prepared {
+        model: None,
+        lost_below: LOST_BELOW,
+        settings: serde_json::to_value(config)?,
+        odometry: Box::new(Magnetic::new(config, rig)?),
+        readings: Some(readings),
+        unit: METRES,
+    })
+}
+
+fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<()> {
     for warning in &summary.warnings {
         // Nothing can be done about a standard error that is closed.
         writeln!(std::io::stderr(), "warning: {warning}").ok();
@@ -264,6 +339,9 @@ fn report(json: bool, summary: &Summary) -> anyhow::Result<()> {
     )?;
     for (stage, Percentiles { p50, p95, p99, max }) in &summary.stages_ms {
         writeln!(stdout, "  {stage:<12}{p50:>8.2} ms   95 % {p95:>8.2}   99 % {p99:>8.2}   longest {max:>8.2}")?;
+    }
+    if let Some(page) = page {
+        writeln!(stdout, "  report      {}", page.display())?;
     }
     Ok(())
 }
