@@ -288,7 +288,7 @@ impl LearnedOdometry {
         let forward = world_from_previous.inverse() * history.anchor().view.world_from_camera;
         let backward = chain::scaled(previous_from_anchor, history.anchor().scale.factor());
         self.agreement = chain::agreement(&forward, &backward);
-        history.correct_anchor(world_from_previous * chain::midway(&forward, &backward));
+        history.correct_anchor(chain::renormalised(world_from_previous * chain::midway(&forward, &backward)));
     }
 
     /// The motion from the anchor, in the unit of the anchor's depth.
@@ -312,7 +312,7 @@ impl LearnedOdometry {
         let anchor = history.anchor();
         let Comparison { scale, likeness, reliability } = self.compare(anchor, present, &frame_from_anchor, mask);
         let anchor_from_frame = chain::scaled(&frame_from_anchor, anchor.scale.factor()).inverse();
-        let world_from_camera = anchor.view.world_from_camera * anchor_from_frame;
+        let world_from_camera = chain::renormalised(anchor.view.world_from_camera * anchor_from_frame);
         self.path.arrive(world_from_camera);
         let view = present.view(world_from_camera);
         let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale));
