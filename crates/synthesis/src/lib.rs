@@ -12,7 +12,8 @@
 //!
 //! Formulae and the names that stand for their symbols: docs/math.md. Tensors are `[batch, channels, height, width]`,
 //! pictures RGB in [-1, 1], pixel centres at integer coordinates. No function reads a value back from the device, and
-//! none needs a backend of its own: gradients come from Burn's, on whatever device the inputs live.
+//! all work on whatever device the inputs live: gradients come from Burn's, or on the processor from our own
+//! kernels (`flex.rs`), which have references in tensor operations.
 
 pub mod brightness;
 pub mod camera;
