@@ -1,6 +1,11 @@
 //! `endoscape compare` and `endoscape report`, driven as a user drives them.
 
-#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "helpers of tests fail and speak as tests do")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "helpers of tests fail and speak as tests do"
+)]
 
 mod common;
 
@@ -50,7 +55,8 @@ fn three_trajectories_of_other_programs_compare_without_ceremony() {
     for word in ["good", "bad", "partial", "constant motion", "report.html", "60.5"] {
         assert!(text.contains(word), "{word}: {text}");
     }
-    for file in ["report.html", "compare.json", "figures/paths.svg", "figures/paths.png", "figures/drift-by-length.csv"] {
+    for file in ["report.html", "compare.json", "figures/paths.svg", "figures/paths.png", "figures/drift-by-length.csv"]
+    {
         assert!(Path::new(&out).join(file).is_file(), "{file}");
     }
     let html = std::fs::read_to_string(Path::new(&out).join("report.html")).unwrap();

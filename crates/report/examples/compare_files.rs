@@ -10,7 +10,9 @@ use std::path::Path;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [out, truth, methods @ ..] = &arguments[..] else { return Err("give OUT TRUTH and at least one method".into()) };
+    let [out, truth, methods @ ..] = &arguments[..] else {
+        return Err("give OUT TRUTH and at least one method".into());
+    };
     let sequence = if Path::new(truth).is_dir() { Some(formats::open(Path::new(truth), None)?) } else { None };
     let methods = methods.iter().map(|method| input(method)).collect::<Result<_, _>>()?;
     let input = SequenceInput { name: truth.clone(), truth: Some(poses(truth)?), sequence, methods };

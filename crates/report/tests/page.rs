@@ -47,7 +47,8 @@ fn a_comparison_of_runs_has_every_figure_and_stands_alone() {
     let html = std::fs::read_to_string(page).unwrap();
     assert_self_contained(&html);
     let parsed = assert_accessible(&html);
-    let figures = ["paths", "drift-by-length", "error-along-time", "confidence-along-time", "depth", "reliability", "latency"];
+    let figures =
+        ["paths", "drift-by-length", "error-along-time", "confidence-along-time", "depth", "reliability", "latency"];
     for id in figures {
         let selector = scraper::Selector::parse(&format!("figure#{id}")).unwrap();
         assert_eq!(parsed.select(&selector).count(), 1, "{id}");
@@ -58,7 +59,10 @@ fn a_comparison_of_runs_has_every_figure_and_stands_alone() {
         let csv = std::fs::read_to_string(out.join(format!("figures/{id}.csv"))).unwrap();
         let mut rows = csv::Reader::from_reader(csv.as_bytes());
         let methods: Vec<String> = rows.records().map(|row| row.unwrap()[0].to_owned()).collect();
-        assert!(methods.iter().any(|method| method == "ours") && methods.iter().any(|method| method == "theirs"), "{id}");
+        assert!(
+            methods.iter().any(|method| method == "ours") && methods.iter().any(|method| method == "theirs"),
+            "{id}"
+        );
     }
 }
 
