@@ -1,7 +1,7 @@
 //! Depth of a run against the truth, and the maps a figure shows.
 
 use crate::ReportError;
-use crate::maps::{self, MILLIMETRES};
+use crate::maps;
 use crate::run_folder::RunFolder;
 use endoscape_core::{DepthMap, Image};
 use endoscape_eval::depth::{Crop, DepthEvaluation, Samples, Scaling, Valid, evaluate, resize_to};
@@ -44,7 +44,7 @@ pub fn judge(
     if run.depth.is_empty() {
         return Ok(None);
     }
-    let unit = run.facts.depth_metres_per_unit.unwrap_or(MILLIMETRES);
+    let unit = run.depth_unit();
     match sequence.filter(|sequence| sequence.has_depth()) {
         Some(sequence) => against_truth(run, sequence, unit).map(Some),
         None => {

@@ -8,7 +8,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Rows of a figure's table inside the page; longer tables are thinned, the files keep every row.
+/// Rows of the figures' tables inside the page, shared by its sequences; longer tables are thinned, the files keep
+/// every row.
 const MOST_ROWS: usize = 3000;
 
 /// What a page shows.
@@ -64,7 +65,7 @@ impl Page<'_> {
                     main id="content" {
                         (verdict(&self.verdict))
                         @for table in &self.overall { (table.html()) }
-                        @for (index, section) in self.sections.iter().enumerate() { (section.html(index)) }
+                        @for (index, section) in self.sections.iter().enumerate() { (section.html(index, MOST_ROWS / self.sections.len().max(1))) }
                         (definitions())
                     }
                     footer { (self.footer()) }
@@ -110,7 +111,7 @@ fn verdict(sentences: &[String]) -> Markup {
 }
 
 impl Section {
-    fn html(&self, index: usize) -> Markup {
+    fn html(&self, index: usize, rows: usize) -> Markup {
         html! {
             section id=(section_id(index)) aria-labelledby={ (section_id(index)) "-title" } {
                 h2 id={ (section_id(index)) "-title" } { (self.name) }
@@ -119,13 +120,13 @@ impl Section {
                     ul.notes { @for note in &self.notes { li { (note) } } }
                 }
                 @for table in &self.tables { (table.html()) }
-                @for figure in &self.figures { (figure_html(figure)) }
+                @for figure in &self.figures { (figure_html(figure, rows)) }
             }
         }
     }
 }
 
-fn figure_html(figure: &Figure) -> Markup {
+fn figure_html(figure: &Figure, rows: usize) -> Markup {
     let caption = format!("{}-caption", figure.id);
     let layout = if figure.panels.len() == 1 && figure.legend.is_empty() { "wide" } else { "panels" };
     html! {
@@ -139,7 +140,7 @@ fn figure_html(figure: &Figure) -> Markup {
             } @else {
                 div.panels { @for panel in &figure.panels { (inline(panel)) } }
             }
-            figcaption id=(caption) { (figure.caption) " " (download(figure)) }
+            figcaption id=(caption) { (figure.caption) " " (download(figure, rows)) }
         }
     }
 }
@@ -160,11 +161,11 @@ fn legend_swatch(entry: &Entry) -> Markup {
 }
 
 /// The numbers of a figure as a file inside the page.
-fn download(figure: &Figure) -> Markup {
+fn download(figure: &Figure, most_rows: usize) -> Markup {
     if figure.csv.is_empty() {
         return html! {};
     }
-    let (csv, step) = thinned(&figure.csv);
+    let (csv, step) = thinned(&figure.csv, most_rows);
     let note =
         if step > 1 { format!(" (every {step}th row; the file beside this page has all)") } else { String::new() };
     html! {
@@ -175,10 +176,10 @@ fn download(figure: &Figure) -> Markup {
     }
 }
 
-/// Head and every n-th row.
-fn thinned(csv: &str) -> (String, usize) {
+/// Head and every n-th row, and that n.
+fn thinned(csv: &str, most_rows: usize) -> (String, usize) {
     let rows = csv.lines().count().saturating_sub(1);
-    let step = rows.div_ceil(MOST_ROWS).max(1);
+    let step = rows.div_ceil(most_rows.max(1)).max(1);
     let kept = csv.lines().enumerate().filter(|(index, _)| *index == 0 || (index - 1) % step == 0);
     (kept.map(|(_, line)| format!("{line}\n")).collect(), step)
 }

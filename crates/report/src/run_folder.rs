@@ -1,7 +1,7 @@
 //! What a method left behind: the folder `endoscape run` writes, or as much of it as there is.
 
 use crate::ReportError;
-use crate::maps;
+use crate::maps::{self, MILLIMETRES};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -74,8 +74,18 @@ pub struct RunFacts {
     pub device: Option<String>,
     /// Version of the program.
     pub version: Option<String>,
-    /// Metres per unit of its 16-bit maps.
+    /// Metres per unit of its 16-bit maps; `None` where its lengths are no metres.
     pub depth_metres_per_unit: Option<f64>,
+    /// What its maps are in the method's own unit of length.
+    pub depth: DepthFacts,
+}
+
+/// The part of `run.json` about depth maps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct DepthFacts {
+    /// Length of a step of 16-bit maps in the method's own unit.
+    pub unit_per_step: Option<f64>,
 }
 
 /// A folder of results; pixels stay on disk.
@@ -123,6 +133,11 @@ impl RunFolder {
         let counted =
             || (!sorted.is_empty()).then(|| Latency { p50: at(0.5), p95: at(0.95), p99: at(0.99), max: at(1.0) });
         self.facts.latency_ms.or_else(counted)
+    }
+
+    /// Length of a step of 16-bit maps: in metres, or else in the method's own unit, or else a millimetre.
+    pub fn depth_unit(&self) -> f64 {
+        self.facts.depth_metres_per_unit.or(self.facts.depth.unit_per_step).unwrap_or(MILLIMETRES)
     }
 
     /// Frames given and frames tracked; `None` if nothing says.

@@ -129,10 +129,17 @@ fn judge_method(
     };
     let (mut depth, mut masks) = (None, None);
     if let Some(run) = &run {
+        notes.extend(lost(run));
         depth = depth_study::judge(run, sequence, &mut notes)?;
         masks = mask_study::judge(run, sequence, &mut notes)?;
     }
     Ok(MethodStudy { name, poses, run, motion, depth, masks, notes })
+}
+
+/// Frames without track; a method may have written a pose for them all the same.
+fn lost(run: &RunFolder) -> Option<String> {
+    let (frames, tracked) = run.counts().filter(|(frames, tracked)| tracked < frames)?;
+    Some(format!("track was lost in {} of {frames} frames", frames - tracked))
 }
 
 fn judge_motion(

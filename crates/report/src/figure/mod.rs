@@ -133,3 +133,6 @@ pub fn swatch(entry: &Entry, at: (f64, f64)) -> String {
     let corners: Vec<(f64, f64)> = entry.ink.marker().iter().map(|(x, y)| (centre.0 + x, centre.1 + y)).collect();
     line + &canvas::polygon(&corners, entry.ink, 1.0)
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,14 +7,19 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use colorous::Gradient;
 use endoscape_core::{Grid, Image, Mask, Size};
-use image::ImageEncoder as _;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use std::fmt::Write as _;
 
 /// Width of a picture in a figure, pixels.
 const CELL: f64 = 190.0;
 
-/// Pictures are stored with at most this many columns; more would not be seen at [`CELL`].
-const MOST_COLUMNS: usize = 320;
+/// Pictures are stored with at most this many columns; more would hardly be seen at [`CELL`].
+const MOST_COLUMNS: usize = 256;
+
+/// Quality of photographs; maps are stored without loss.
+const JPEG_QUALITY: u8 = 88;
 
 /// Space between pictures, for heads above and labels at the left, pixels.
 const GAP: f64 = 8.0;
@@ -52,7 +57,7 @@ pub struct PictureGrid {
     pub label: String,
     /// One per column.
     pub heads: Vec<String>,
-    /// A label and one picture per column, `None` where there is none.
+    /// A label and one picture per column, `None` where there is none. The first column is a photograph.
     pub rows: Vec<(String, Vec<Option<Image>>)>,
     /// Below the pictures.
     pub bars: Vec<Bar>,
@@ -94,7 +99,10 @@ impl PictureGrid {
             body.push_str(&anchored((SIDE - GAP, y + 0.5 * height + 4.0), label, LABEL_SIZE, Ink::Muted, "end"));
             for (index, image) in images.iter().enumerate() {
                 match image {
-                    Some(image) => picture(&mut body, (column(index), y), (CELL, height), image)?,
+                    Some(image) => {
+                        let data = if index == 0 { jpeg(&shrunk(image))? } else { png(&shrunk(image))? };
+                        body.push_str(&embedded((column(index), y), (CELL, height), &data));
+                    }
                     None => {
                         let at = (column(index) + 0.5 * CELL, y + 0.5 * height);
                         body.push_str(&anchored(at, "none", LABEL_SIZE, Ink::Muted, "middle"));
@@ -113,21 +121,13 @@ impl PictureGrid {
     }
 }
 
-fn picture(
-    body: &mut String,
-    (x, y): (f64, f64),
-    (width, height): (f64, f64),
-    image: &Image,
-) -> Result<(), ReportError> {
-    let data = STANDARD.encode(png(&shrunk(image))?);
-    // Writing to a String cannot fail.
-    write!(
-        body,
+/// A picture as an address that holds its data.
+fn embedded((x, y): (f64, f64), (width, height): (f64, f64), (kind, data): &(&str, Vec<u8>)) -> String {
+    format!(
         "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
-         preserveAspectRatio=\"none\" href=\"data:image/png;base64,{data}\"/>"
+         preserveAspectRatio=\"none\" href=\"data:image/{kind};base64,{}\"/>",
+        STANDARD.encode(data)
     )
-    .ok();
-    Ok(())
 }
 
 /// Every n-th pixel, so that the longer rows have at most [`MOST_COLUMNS`].
@@ -138,18 +138,23 @@ fn shrunk(image: &Image) -> Image {
     Image::from_fn(small, |x, y| image.get(x * step, y * step).unwrap_or(UNKNOWN))
 }
 
-fn png(image: &Image) -> Result<Vec<u8>, ReportError> {
+fn png(image: &Image) -> Result<(&'static str, Vec<u8>), ReportError> {
     let mut bytes = Vec::new();
+    encode(image, PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive))?;
+    Ok(("png", bytes))
+}
+
+fn jpeg(image: &Image) -> Result<(&'static str, Vec<u8>), ReportError> {
+    let mut bytes = Vec::new();
+    encode(image, JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY))?;
+    Ok(("jpeg", bytes))
+}
+
+fn encode(image: &Image, encoder: impl ImageEncoder) -> Result<(), ReportError> {
     let (width, height) = (image.size().width as u32, image.size().height as u32);
-    let encoder = image::codecs::png::PngEncoder::new_with_quality(
-        &mut bytes,
-        image::codecs::png::CompressionType::Best,
-        image::codecs::png::FilterType::Adaptive,
-    );
     encoder
-        .write_image(image.rgb(), width, height, image::ExtendedColorType::Rgb8)
-        .map_err(|error| ReportError::Drawing { figure: "a picture".to_owned(), reason: error.to_string() })?;
-    Ok(bytes)
+        .write_image(image.rgb(), width, height, ExtendedColorType::Rgb8)
+        .map_err(|error| ReportError::Drawing { figure: "a picture".to_owned(), reason: error.to_string() })
 }
 
 fn bar_of_colours(bar: &Bar, (x, y): (f64, f64)) -> String {

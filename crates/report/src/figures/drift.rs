@@ -5,6 +5,7 @@ use crate::ReportError;
 use crate::figure::{Axis, Chart, Figure, Ink, Line, Shape};
 use crate::study::{MotionStudy, SequenceStudy};
 use crate::table::length_unit;
+use endoscape_eval::segments::{LengthErrors, TurnErrors};
 use endoscape_eval::trajectory::TrajectoryErrors;
 
 /// Methods at one length are drawn this share of the distance between lengths apart.
@@ -23,6 +24,16 @@ struct Point {
 /// How a panel takes its points from the errors of a trajectory.
 type Pick = fn(&TrajectoryErrors) -> Vec<Point>;
 
+/// One panel: its words, its units and where its points come from.
+struct Panel<'a> {
+    title: &'a str,
+    x: &'a str,
+    y: &'a str,
+    /// From metres (or degrees) to the units of the axes.
+    factors: [f64; 2],
+    pick: Pick,
+}
+
 /// Errors against the length of the path: the figure of the capsule papers and of KITTI.
 pub fn by_length(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> {
     let longest = judged(sequence).flat_map(|motion| &motion.evaluation.errors.segments);
@@ -30,42 +41,25 @@ pub fn by_length(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError
     if longest_m == 0.0 {
         return Ok(None);
     }
-    let (length_unit, length_factor) = length_unit(longest_m);
-    let translation: Pick = |errors| {
-        let point = |errors: &endoscape_eval::segments::LengthErrors| Point {
-            at: errors.length_m,
-            mean: errors.translation_percent,
-            std: 100.0 * errors.translation_m_std / errors.length_m,
-        };
-        errors.segments.iter().map(point).collect()
+    let (unit, factor) = length_unit(longest_m);
+    let x = format!("path length [{unit}]");
+    let translation = Panel {
+        title: "Translation",
+        x: &x,
+        y: "translational error [% of length]",
+        factors: [factor, 1.0],
+        pick: |errors| errors.segments.iter().map(translation_percent).collect(),
     };
-    let rotation: Pick = |errors| {
-        let point = |errors: &endoscape_eval::segments::LengthErrors| Point {
-            at: errors.length_m,
-            mean: errors.rotation_deg,
-            std: errors.rotation_deg_std,
-        };
-        errors.segments.iter().map(point).collect()
+    let rotation = Panel {
+        title: "Rotation",
+        y: "rotational error [deg]",
+        pick: |errors| errors.segments.iter().map(rotation_deg).collect(),
+        ..translation
     };
-    let x = format!("path length [{length_unit}]");
-    let panels = [
-        ("Translation", "translational error [% of length]", translation),
-        ("Rotation", "rotational error [deg]", rotation),
-    ];
-    let charts = panels.map(|(title, y, pick)| chart(sequence, title, &x, y, length_factor, pick));
-    Ok(Some(Figure {
-        id: "drift-by-length".to_owned(),
-        title: "Error against path length".to_owned(),
-        caption: format!(
-            "Mean error at the end of all sub-trajectories of a length, with the standard deviation over them as \
-             whiskers (cut at zero). {}",
-            baseline_note(&charts)
-        ),
-        legend: charts[0].legend(),
-        panels: charts.iter().map(Chart::svg).collect::<Result<_, _>>()?,
-        columns: 2,
-        csv: by_length_csv(sequence),
-    }))
+    let lead = "Mean error at the end of all sub-trajectories of a length, with the standard deviation over them as \
+                whiskers (cut at zero).";
+    let names = ["drift-by-length", "Error against path length", lead];
+    figure(sequence, names, &[translation, rotation], by_length_csv(sequence)).map(Some)
 }
 
 /// Errors against the rotation gone through.
@@ -74,43 +68,63 @@ pub fn by_turn(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> 
         return Ok(None);
     }
     let (unit, factor) = unit(sequence);
-    let rotation: Pick = |errors| {
-        let point = |errors: &endoscape_eval::segments::TurnErrors| Point {
-            at: errors.turned_deg,
-            mean: errors.rotation_deg,
-            std: errors.rotation_deg_std,
-        };
-        errors.turns.iter().map(point).collect()
+    let y = format!("translational error [{unit}]");
+    let translation = Panel {
+        title: "Translation",
+        x: "accumulated rotation [deg]",
+        y: &y,
+        factors: [1.0, factor],
+        pick: |errors| {
+            let point = |turn: &TurnErrors| Point {
+                at: turn.turned_deg,
+                mean: turn.translation_m,
+                std: turn.translation_m_std,
+            };
+            errors.turns.iter().map(point).collect()
+        },
     };
-    let translation_mm: Pick = |errors| {
-        let point = |errors: &endoscape_eval::segments::TurnErrors| Point {
-            at: errors.turned_deg,
-            mean: errors.translation_m,
-            std: errors.translation_m_std,
-        };
-        errors.turns.iter().map(point).collect()
+    let rotation = Panel {
+        title: "Rotation",
+        y: "rotational error [deg]",
+        factors: [1.0, 1.0],
+        pick: |errors| {
+            let point =
+                |turn: &TurnErrors| Point { at: turn.turned_deg, mean: turn.rotation_deg, std: turn.rotation_deg_std };
+            errors.turns.iter().map(point).collect()
+        },
+        ..translation
     };
-    let x = "accumulated rotation [deg]";
-    let mut turned = chart(sequence, "Rotation", x, "rotational error [deg]", 1.0, rotation);
-    let mut moved = chart(sequence, "Translation", x, &format!("translational error [{unit}]"), 1.0, translation_mm);
-    for line in &mut moved.lines {
-        line.points.iter_mut().for_each(|point| point[1] *= factor);
-        line.spread.iter_mut().for_each(|spread| *spread = spread.map(|value| value * factor));
-    }
-    turned.label.push_str(" Against accumulated rotation.");
-    let charts = [turned, moved];
-    Ok(Some(Figure {
-        id: "drift-by-rotation".to_owned(),
-        title: "Error against accumulated rotation".to_owned(),
-        caption: format!(
-            "The same for sub-trajectories in which the camera turns by a given angle in all. {}",
-            baseline_note(&charts)
-        ),
-        legend: charts[0].legend(),
+    let lead = "The same for sub-trajectories in which the camera turns by a given angle in all.";
+    let names = ["drift-by-rotation", "Error against accumulated rotation", lead];
+    figure(sequence, names, &[translation, rotation], by_turn_csv(sequence)).map(Some)
+}
+
+fn translation_percent(errors: &LengthErrors) -> Point {
+    let std = 100.0 * errors.translation_m_std / errors.length_m;
+    Point { at: errors.length_m, mean: errors.translation_percent, std }
+}
+
+fn rotation_deg(errors: &LengthErrors) -> Point {
+    Point { at: errors.length_m, mean: errors.rotation_deg, std: errors.rotation_deg_std }
+}
+
+fn figure(
+    sequence: &SequenceStudy,
+    [id, title, lead]: [&str; 3],
+    panels: &[Panel<'_>],
+    csv: String,
+) -> Result<Figure, ReportError> {
+    let charts: Vec<Chart> = panels.iter().map(|panel| chart(sequence, panel)).collect();
+    let widest = charts.iter().map(Chart::legend).max_by_key(Vec::len).unwrap_or_default();
+    Ok(Figure {
+        id: id.to_owned(),
+        title: title.to_owned(),
+        caption: format!("{lead} {}", baseline_note(&charts)),
+        legend: widest,
         panels: charts.iter().map(Chart::svg).collect::<Result<_, _>>()?,
         columns: 2,
-        csv: by_turn_csv(sequence),
-    }))
+        csv,
+    })
 }
 
 fn judged(sequence: &SequenceStudy) -> impl Iterator<Item = &MotionStudy> {
@@ -129,43 +143,44 @@ fn baseline_note(charts: &[Chart]) -> &'static str {
     }
 }
 
-fn chart(sequence: &SequenceStudy, title: &str, x: &str, y: &str, factor: f64, pick: Pick) -> Chart {
-    let all: Vec<f64> =
-        judged(sequence).flat_map(|motion| pick(&motion.evaluation.errors)).map(|point| point.at).collect();
-    let farthest = all.iter().copied().fold(0.0, f64::max) * factor;
-    let nearest = all.iter().copied().fold(f64::INFINITY, f64::min) * factor;
-    let step = (farthest - nearest) / (all.len() / judged(sequence).count().max(1)).saturating_sub(1).max(1) as f64;
-    let step = if step > 0.0 { step } else { nearest };
+fn chart(sequence: &SequenceStudy, panel: &Panel<'_>) -> Chart {
+    let [x_factor, y_factor] = panel.factors;
+    let first = judged(sequence).map(|motion| (panel.pick)(&motion.evaluation.errors)).max_by_key(Vec::len);
+    let at: Vec<f64> = first.iter().flatten().map(|point| point.at * x_factor).collect();
+    let (nearest, farthest) = (at.first().copied().unwrap_or(0.0), at.last().copied().unwrap_or(1.0));
+    let step = if at.len() > 1 { (farthest - nearest) / (at.len() - 1) as f64 } else { nearest };
     let middle = 0.5 * sequence.methods.len().saturating_sub(1) as f64;
     let mut lines: Vec<Line> = Vec::new();
     for (index, (ink, method)) in inked(sequence).enumerate() {
         let Some(motion) = &method.motion else { continue };
         let shift = (index as f64 - middle) * DODGE * step;
-        let points = pick(&motion.evaluation.errors);
-        let spread = points.iter().map(|point| [(point.mean - point.std).max(0.0), point.mean + point.std]).collect();
-        let points = points.iter().map(|point| [point.at * factor + shift, point.mean]).collect();
+        let points = (panel.pick)(&motion.evaluation.errors);
+        let ends =
+            |point: &Point| [(point.mean - point.std).max(0.0), point.mean + point.std].map(|end| end * y_factor);
+        let spread = points.iter().map(ends).collect();
+        let points = points.iter().map(|point| [point.at * x_factor + shift, point.mean * y_factor]).collect();
         lines.push(Line { spread, ..Line::new(method.name.clone(), ink, Shape::Marked, points) });
     }
-    let highest = lines.iter().flat_map(|line| line.spread.iter().map(|spread| spread[1])).fold(0.0, f64::max);
-    if let Some(motion) = judged(sequence).next() {
-        let points = pick(&motion.evaluation.baselines.constant);
-        if points.iter().all(|point| point.mean <= SQUASHING * highest) {
-            let points = points.iter().map(|point| [point.at * factor, point.mean]).collect();
-            lines.insert(0, Line::new("constant motion", Ink::Muted, Shape::Joined, points));
-        }
-    }
+    lines.splice(0..0, constant_motion(sequence, panel, &lines));
     Chart {
-        title: title.to_owned(),
-        label: format!(
-            "{title}: {y} over {x} for {}.",
-            sequence.methods.iter().map(|method| method.name.as_str()).collect::<Vec<_>>().join(", ")
-        ),
-        x: Axis::over(x, [nearest - 0.5 * step, farthest + 0.5 * step]),
-        y: Axis::from_zero(y),
+        title: panel.title.to_owned(),
+        label: format!("{}: {} over {}, one line with whiskers per method.", panel.title, panel.y, panel.x),
+        x: Axis::over(panel.x, [nearest - 0.5 * step, farthest + 0.5 * step]),
+        y: Axis::from_zero(panel.y),
         lines,
         equal: false,
         size: CHART,
     }
+}
+
+/// The line of constant motion, where it does not squash those of the methods.
+fn constant_motion(sequence: &SequenceStudy, panel: &Panel<'_>, methods: &[Line]) -> Option<Line> {
+    let highest = methods.iter().flat_map(|line| line.spread.iter().map(|spread| spread[1])).fold(0.0, f64::max);
+    let points = (panel.pick)(&judged(sequence).next()?.evaluation.baselines.constant);
+    let points = points.iter().map(|point| [point.at * panel.factors[0], point.mean * panel.factors[1]]);
+    let points: Vec<[f64; 2]> = points.collect();
+    let fits = points.iter().all(|point| point[1] <= SQUASHING * highest);
+    fits.then(|| Line::new("constant motion", Ink::Muted, Shape::Joined, points))
 }
 
 /// The methods and, by the name of the baseline, what looks at no picture.

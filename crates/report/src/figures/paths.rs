@@ -128,13 +128,9 @@ fn in_space(paths: &[Path], span: &[[f64; 2]; 3], [a, b]: [usize; 2], upright: u
         lines.push(Line::new("", Ink::Grid, Shape::Thin, along));
     }
     for path in paths {
-        let shadow =
-            path.points.iter().map(|point| seen(on_floor(point[a], point[b]).map(|value| value))).collect::<Vec<_>>();
-        let broken = shadow
-            .into_iter()
-            .zip(&path.points)
-            .map(|(shadow, point)| if point[a].is_finite() { shadow } else { [f64::NAN; 2] });
-        lines.push(Line::new("", Ink::Grid, Shape::Thin, broken.collect()));
+        // Interruptions of a path stay interruptions: what is not finite is not seen.
+        let shadow = path.points.iter().map(|point| seen(on_floor(point[a], point[b]))).collect();
+        lines.push(Line::new("", Ink::Grid, Shape::Thin, shadow));
     }
     for path in paths {
         let points = path.points.iter().map(|point| seen(*point)).collect();

@@ -7,6 +7,9 @@ use crate::study::{MethodStudy, SequenceStudy};
 use endoscape_eval::calibration::Calibration;
 use endoscape_eval::roc::{Roc, RocPoint};
 
+/// Millimetres per metre.
+const MILLIMETRES: f64 = 1e3;
+
 /// Points a curve is thinned to.
 const POINTS: usize = 400;
 
@@ -63,61 +66,18 @@ fn thin(points: &[RocPoint]) -> Vec<RocPoint> {
         .collect()
 }
 
+/// A method with its colour and how well its confidence fits.
+type Judged = (Ink, String, Calibration);
+
 /// Reliability curve and sparsification of confidences.
 pub fn calibration(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> {
     let of = |method: &MethodStudy| method.motion.as_ref()?.calibration.clone();
-    let judged: Vec<(Ink, String, Calibration)> =
+    let judged: Vec<Judged> =
         inked(sequence).filter_map(|(ink, method)| Some((ink, method.name.clone(), of(method)?))).collect();
     if judged.is_empty() {
         return Ok(None);
     }
-    let mut csv =
-        Csv::new(&["method", "removed_percent", "error_left", "error_left_oracle", "bin_confidence", "bin_error_m"]);
-    let (mut bins, mut curves) = (Vec::new(), Vec::new());
-    for (ink, name, calibration) in &judged {
-        let count = calibration.sparsification.len() as f64;
-        let removed = |index: usize| 100.0 * index as f64 / count;
-        let curve = |values: &[f64]| values.iter().enumerate().map(|(index, value)| [removed(index), *value]).collect();
-        curves.push(Line::new(
-            format!("{name} (AUSE {:.3})", calibration.ause),
-            *ink,
-            Shape::Joined,
-            curve(&calibration.sparsification),
-        ));
-        curves.push(Line::new("", Ink::Muted, Shape::Joined, curve(&calibration.oracle)));
-        let points = calibration.reliability.iter().map(|bin| [bin.confidence, 1e3 * bin.error]).collect();
-        bins.push(Line::new(name.clone(), *ink, Shape::Marked, points));
-        for (index, bin) in calibration.reliability.iter().enumerate() {
-            let numbers = [
-                removed(index),
-                calibration.sparsification[index],
-                calibration.oracle[index],
-                bin.confidence,
-                bin.error,
-            ];
-            csv.push(std::iter::once(name.clone()).chain(numbers.map(|number| number.to_string())));
-        }
-    }
-    let charts = [
-        Chart {
-            title: "Sparsification".to_owned(),
-            label: "Mean error left after removing the least confident frames; lower is better.".to_owned(),
-            x: Axis::over("least confident frames removed [%]", [0.0, 100.0]),
-            y: Axis::from_zero("mean error left, relative"),
-            lines: curves,
-            equal: false,
-            size: CHART,
-        },
-        Chart {
-            title: "Reliability".to_owned(),
-            label: "Mean error in bins of confidence; it should fall to the right.".to_owned(),
-            x: Axis::new("mean confidence of the bin"),
-            y: Axis::from_zero("mean error of the step [mm]"),
-            lines: bins,
-            equal: false,
-            size: CHART,
-        },
-    ];
+    let charts = [sparsification(&judged), reliability(&judged)];
     Ok(Some(Figure {
         id: "calibration".to_owned(),
         title: "Does the method know when it is wrong?".to_owned(),
@@ -130,8 +90,64 @@ pub fn calibration(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportErr
         legend: charts[0].legend(),
         panels: charts.iter().map(Chart::svg).collect::<Result<_, _>>()?,
         columns: 2,
-        csv: csv.text(),
+        csv: calibration_csv(&judged),
     }))
+}
+
+/// Share of the frames taken away at a step, percent.
+fn removed_percent(calibration: &Calibration, step: usize) -> f64 {
+    100.0 * step as f64 / calibration.sparsification.len() as f64
+}
+
+fn sparsification(judged: &[Judged]) -> Chart {
+    let mut lines = Vec::new();
+    for (ink, name, calibration) in judged {
+        let curve = |values: &[f64]| {
+            let point = |(step, value): (usize, &f64)| [removed_percent(calibration, step), *value];
+            values.iter().enumerate().map(point).collect()
+        };
+        lines.push(Line::new("", Ink::Muted, Shape::Joined, curve(&calibration.oracle)));
+        let name = format!("{name} (AUSE {:.3})", calibration.ause);
+        lines.push(Line::new(name, *ink, Shape::Joined, curve(&calibration.sparsification)));
+    }
+    Chart {
+        title: "Sparsification".to_owned(),
+        label: "Mean error left after removing the least confident frames; lower is better.".to_owned(),
+        x: Axis::over("least confident frames removed [%]", [0.0, 100.0]),
+        y: Axis::from_zero("mean error left, relative"),
+        lines,
+        equal: false,
+        size: CHART,
+    }
+}
+
+fn reliability(judged: &[Judged]) -> Chart {
+    let line = |(ink, name, calibration): &Judged| {
+        let points = calibration.reliability.iter().map(|bin| [bin.confidence, MILLIMETRES * bin.error]).collect();
+        Line::new(name.clone(), *ink, Shape::Marked, points)
+    };
+    Chart {
+        title: "Reliability".to_owned(),
+        label: "Mean error in bins of confidence; it should fall to the right.".to_owned(),
+        x: Axis::new("mean confidence of the bin"),
+        y: Axis::from_zero("mean error of the step [mm]"),
+        lines: judged.iter().map(line).collect(),
+        equal: false,
+        size: CHART,
+    }
+}
+
+fn calibration_csv(judged: &[Judged]) -> String {
+    let head = ["method", "removed_percent", "error_left", "error_left_oracle", "bin_confidence", "bin_error_m"];
+    let mut csv = Csv::new(&head);
+    for (_, name, calibration) in judged {
+        for (step, bin) in calibration.reliability.iter().enumerate() {
+            let left = [calibration.sparsification[step], calibration.oracle[step]];
+            let numbers = [removed_percent(calibration, step), left[0], left[1], bin.confidence, bin.error];
+            csv.push(std::iter::once(name.clone()).chain(numbers.map(|number| number.to_string())));
+        }
+    }
+    csv.text()
 }
 
 /// Share of frames done within a time.
