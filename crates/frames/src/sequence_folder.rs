@@ -158,7 +158,8 @@ impl Writer {
     pub fn write_file(&self, name: &str, contents: impl AsRef<[u8]>) -> Result<(), FramesError> {
         let path = self.root.join(name);
         let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        folder.and_then(|()| std::fs::write(&path, contents))
+        folder
+            .and_then(|()| std::fs::write(&path, contents))
             .map_err(|error| FramesError::io(&self.out.join(name), "write", error))
     }
 

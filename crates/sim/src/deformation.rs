@@ -107,9 +107,10 @@ impl Deformation {
     /// Share by which the wall has moved towards the middle, 0 to [`TIGHTEST`].
     fn squeeze(&self, along_m: f64, around_rad: f64, time_s: f64) -> f64 {
         let wave = self.peristalsis.map_or(0.0, |train| train.squeeze(along_m, around_rad, time_s));
-        let open = self.contractions.iter().fold(1.0 - wave, |open, place| {
-            open * (1.0 - place.squeeze(along_m, around_rad, time_s))
-        });
+        let open = self
+            .contractions
+            .iter()
+            .fold(1.0 - wave, |open, place| open * (1.0 - place.squeeze(along_m, around_rad, time_s)));
         // A smooth limit: nearly the sum while small, never beyond the tightest.
         TIGHTEST * ((1.0 - open) / TIGHTEST).tanh()
     }

@@ -130,7 +130,8 @@ impl FromStr for Effects {
                 (_, None, Some(effect)) => set.without(*effect),
                 (_, None, None) => {
                     let names: Vec<&str> = Effect::ALL.iter().map(|effect| effect.name()).collect();
-                    let remedy = format!("use none, default, all, or names of: {}; no-NAME takes one away", names.join(", "));
+                    let remedy =
+                        format!("use none, default, all, or names of: {}; no-NAME takes one away", names.join(", "));
                     return Err(SimError::parameter(format!("there is no effect `{word}`"), remedy));
                 }
             };

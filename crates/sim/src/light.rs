@@ -73,7 +73,13 @@ pub struct Lit {
 
 impl Lamps {
     /// Radiance of a place towards the camera, under lamps for which `visible` says yes.
-    pub fn shine(&self, place: &Lit, material: &Material, effects: Effects, visible: impl Fn(&Lamp) -> bool) -> Radiance {
+    pub fn shine(
+        &self,
+        place: &Lit,
+        material: &Material,
+        effects: Effects,
+        visible: impl Fn(&Lamp) -> bool,
+    ) -> Radiance {
         let rough_normal = (place.normal - (place.slope - place.normal * place.slope.dot(&place.normal))).normalize();
         // Skin scatters the fine relief away in the diffuse light, more so in red.
         let soft = effects.has(Effect::Subsurface);

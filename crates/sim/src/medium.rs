@@ -78,7 +78,10 @@ impl Medium {
                 let corner = Vector3::new((cell.x + x) as f64, (cell.y + y) as f64, (cell.z + z) as f64);
                 self.ball(key, &corner, time_s)
             })
-            .map(|ball| Ball { centre: (world_from_camera.inverse() * nalgebra::Point3::from(ball.centre)).coords, ..ball })
+            .map(|ball| Ball {
+                centre: (world_from_camera.inverse() * nalgebra::Point3::from(ball.centre)).coords,
+                ..ball
+            })
             // Nothing sits inside the window.
             .filter(|ball| ball.centre.norm() > ball.radius_m + 0.003)
             .collect();
@@ -96,13 +99,21 @@ impl Medium {
         let mut part = || series.range(0.2, 0.8);
         let within = Vector3::new(part(), part(), part());
         let (slow, phase) = (series.range(0.2, 0.6), series.range(0.0, 6.0));
-        let drift = Vector3::new((slow * time_s + phase).sin(), (0.8 * slow * time_s).cos(), (0.6 * slow * time_s).sin());
+        let drift =
+            Vector3::new((slow * time_s + phase).sin(), (0.8 * slow * time_s).cos(), (0.6 * slow * time_s).sin());
         let radius_m = if is_bubble { series.range(0.0005, 0.0016) } else { series.range(0.0003, 0.0011) };
         Some(Ball { centre: (corner + within + drift * 0.15) * CELL_M, radius_m, is_bubble, key })
     }
 
     /// The surface of the fluid seen along a ray, and the murk below it.
-    fn fluid(&self, ray: &Vector3<f64>, down: &Vector3<f64>, level_m: f64, sample: &Sample, time_s: f64) -> (f32, [f32; 3]) {
+    fn fluid(
+        &self,
+        ray: &Vector3<f64>,
+        down: &Vector3<f64>,
+        level_m: f64,
+        sample: &Sample,
+        time_s: f64,
+    ) -> (f32, [f32; 3]) {
         let descent = ray.dot(down);
         if descent <= 1e-3 || level_m / descent >= sample.distance_m {
             return (0.0, [0.0; 3]);
@@ -129,7 +140,8 @@ impl Ball {
             return (cover, light);
         }
         let nearness = 1.0 / (along * along);
-        let (hides, glow) = if self.is_bubble { self.bubble(aside, ray, nearness) } else { self.crumb(aside, ray, along, nearness) };
+        let (hides, glow) =
+            if self.is_bubble { self.bubble(aside, ray, nearness) } else { self.crumb(aside, ray, along, nearness) };
         let kept = (1.0 - hides) as f32;
         let light = std::array::from_fn(|c| light[c] * kept + glow[c] as f32);
         (1.0 - (1.0 - cover) * kept, light)
@@ -178,7 +190,8 @@ mod tests {
         let centre = Vector3::new(0.0, 0.0, 0.01);
         let ball = Ball { centre, radius_m: 0.001, is_bubble: false, key: Key::new(1) };
         let wall = |distance_m: f64| Sample { distance_m, label: 1, ..Sample::default() };
-        let cover = |ray: Vector3<f64>, distance_m: f64| ball.over((0.0, [0.0; 3]), &ray.normalize(), &wall(distance_m)).0;
+        let cover =
+            |ray: Vector3<f64>, distance_m: f64| ball.over((0.0, [0.0; 3]), &ray.normalize(), &wall(distance_m)).0;
         assert_eq!(cover(Vector3::z(), 0.03), 1.0);
         assert_eq!(cover(Vector3::z(), 0.005), 0.0);
         assert_eq!(cover(Vector3::new(0.2, 0.0, 1.0), 0.03), 0.0);

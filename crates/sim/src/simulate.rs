@@ -129,9 +129,7 @@ impl Config {
     pub fn anatomy(&self) -> Result<Anatomy, SimError> {
         match &self.source {
             Source::Organ(organ) => Ok(Anatomy::grow(*organ, self.seed)),
-            Source::Mesh { path, metres_per_unit, like } => {
-                Anatomy::import(path, *metres_per_unit, *like, self.seed)
-            }
+            Source::Mesh { path, metres_per_unit, like } => Anatomy::import(path, *metres_per_unit, *like, self.seed),
         }
     }
 }
@@ -316,7 +314,12 @@ fn header(config: &Config, anatomy: &Anatomy) -> Header {
         fps: Some(config.fps),
         camera: Some(config.camera),
         license,
-        provenance: Some(format!("endoscape simulate {}, path {}, effects {}", name, config.path.name(), config.effects)),
+        provenance: Some(format!(
+            "endoscape simulate {}, path {}, effects {}",
+            name,
+            config.path.name(),
+            config.effects
+        )),
         // The farthest view fits, so the scale is known before the first frame.
         depth_metres_per_unit: Some(1.02 * anatomy.extent_m() / f64::from(u16::MAX)),
     }

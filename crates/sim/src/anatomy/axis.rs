@@ -163,8 +163,9 @@ mod tests {
 
     #[test]
     fn equal_steps_and_frames_along_the_curve() {
-        let knots: Vec<Vector3<f64>> =
-            (0..12).map(|i| 0.1 * Vector3::new((0.5 * f64::from(i)).cos(), (0.5 * f64::from(i)).sin(), 0.1 * f64::from(i))).collect();
+        let knots: Vec<Vector3<f64>> = (0..12)
+            .map(|i| 0.1 * Vector3::new((0.5 * f64::from(i)).cos(), (0.5 * f64::from(i)).sin(), 0.1 * f64::from(i)))
+            .collect();
         let axis = Axis::through(&knots);
         for i in 1..100 {
             let along_m = axis.length_m() * f64::from(i) / 101.0;
@@ -178,7 +179,9 @@ mod tests {
     fn room_is_never_more_than_there_is() {
         let axis = Axis::through(&[Vector3::zeros(), Vector3::new(0.0, 0.0, 0.1), Vector3::new(0.0, 0.0, 0.2)]);
         let wall: Vec<Vector3<f64>> = (0..400)
-            .map(|i| Vector3::new(0.02 - 0.01 * (-(f64::from(i) - 200.0).powi(2) / 200.0).exp(), 0.0, 0.0005 * f64::from(i)))
+            .map(|i| {
+                Vector3::new(0.02 - 0.01 * (-(f64::from(i) - 200.0).powi(2) / 200.0).exp(), 0.0, 0.0005 * f64::from(i))
+            })
             .collect();
         let axis = axis.with_room(&wall);
         assert!(axis.room_m(0.1) <= 0.0101 && axis.room_m(0.1) > 0.0099);

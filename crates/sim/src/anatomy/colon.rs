@@ -46,7 +46,8 @@ pub(super) fn tube(key: Key) -> Tube {
     let width = key.of("width").range(0.92, 1.08);
     let radius = move |along_m: f64, around_rad: f64| {
         let share = along_m / length_m;
-        let calibre_m = width * curve(&[(0.0, 0.020), (0.12, 0.023), (0.3, 0.019), (0.55, 0.023), (0.85, 0.026), (0.97, 0.031)], share);
+        let calibre_m = width
+            * curve(&[(0.0, 0.020), (0.12, 0.023), (0.3, 0.019), (0.55, 0.023), (0.85, 0.026), (0.97, 0.031)], share);
         let fold = crests(&crescents, along_m, around_rad);
         // Haustra bulge between the folds, and three bands of muscle pull the cross-section triangular.
         let next = stations.partition_point(|place| *place < along_m).clamp(1, stations.len() - 1);

@@ -41,7 +41,13 @@ pub(super) fn load(path: &Path, metres_per_unit: f64) -> Result<Imported, SimErr
     let soup = match extension.as_deref() {
         Some("obj") => read_obj(path)?,
         Some("ply") => read_ply(path)?,
-        _ => return Err(SimError::mesh(path, "is neither an OBJ nor a PLY file by its name", "give a .obj or .ply file")),
+        _ => {
+            return Err(SimError::mesh(
+                path,
+                "is neither an OBJ nor a PLY file by its name",
+                "give a .obj or .ply file",
+            ));
+        }
     };
     let textured = soup.texture_coordinates.len() == soup.faces.len() && soup.texture.is_some();
     let mut wall = bare_wall(path, &soup, metres_per_unit)?;
@@ -55,7 +61,8 @@ pub(super) fn load(path: &Path, metres_per_unit: f64) -> Result<Imported, SimErr
 
 fn read_obj(path: &Path) -> Result<Soup, SimError> {
     let damaged = |reason: String| SimError::mesh(path, reason, "export the mesh again");
-    let options = tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let options =
+        tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     std::fs::metadata(path).map_err(|error| endoscape_frames::FramesError::io(path, "read", error))?;
     let (models, materials) =
         tobj::load_obj(path, &options).map_err(|error| damaged(format!("is no readable OBJ file ({error})")))?;
@@ -68,7 +75,8 @@ fn read_obj(path: &Path) -> Result<Soup, SimError> {
             let at = 2 * index as usize;
             [mesh.texcoords.get(at).copied().unwrap_or(0.0), mesh.texcoords.get(at + 1).copied().unwrap_or(0.0)]
         };
-        soup.texture_coordinates.extend(mesh.texcoord_indices.as_chunks::<3>().0.iter().map(|face| face.map(coordinate)));
+        soup.texture_coordinates
+            .extend(mesh.texcoord_indices.as_chunks::<3>().0.iter().map(|face| face.map(coordinate)));
     }
     // A missing material file is common and no reason to refuse the shape.
     let file = materials.ok().and_then(|all| all.into_iter().find_map(|material| material.diffuse_texture));
@@ -212,7 +220,13 @@ fn attach(wall: &mut Wall, axis: &Axis) {
 /// The curve through the middle of the lumen.
 fn middle(path: &Path, wall: &Wall) -> Result<Axis, SimError> {
     let posed = Posed::new(wall);
-    let no_room = || SimError::mesh(path, "has no inside wide enough for a camera", "give a closed surface in its true size with --mesh-unit");
+    let no_room = || {
+        SimError::mesh(
+            path,
+            "has no inside wide enough for a camera",
+            "give a closed surface in its true size with --mesh-unit",
+        )
+    };
     let (start, _) = widest_place(wall, &posed).ok_or_else(no_room)?;
     let heading = longest_view(&posed, &start);
     let mut knots = walk(&posed, start, -heading);

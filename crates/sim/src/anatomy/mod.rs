@@ -54,7 +54,8 @@ impl std::str::FromStr for Organ {
     type Err = SimError;
 
     fn from_str(text: &str) -> Result<Self, SimError> {
-        let unknown = || SimError::parameter(format!("there is no anatomy `{text}`"), "use colon, stomach or small-bowel");
+        let unknown =
+            || SimError::parameter(format!("there is no anatomy `{text}`"), "use colon, stomach or small-bowel");
         Self::ALL.into_iter().find(|organ| organ.name() == text).ok_or_else(unknown)
     }
 }
@@ -161,10 +162,13 @@ impl Anatomy {
 
     /// Length of the diagonal of the box around the wall, metres: no depth exceeds it.
     pub fn extent_m(&self) -> f64 {
-        let corners = self.wall.vertices.iter().fold(
-            (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)),
-            |(low, high), vertex| (low.inf(&vertex.rest), high.sup(&vertex.rest)),
-        );
+        let corners = self
+            .wall
+            .vertices
+            .iter()
+            .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |(low, high), vertex| {
+                (low.inf(&vertex.rest), high.sup(&vertex.rest))
+            });
         (corners.1 - corners.0).norm()
     }
 }
@@ -243,7 +247,8 @@ impl Crescent {
         if from_crest.abs() > 6.0 || around.abs() > self.reach_rad {
             return 0.0;
         }
-        let share = if self.reach_rad >= 3.2 { 1.0 } else { (0.5 * std::f64::consts::PI * around / self.reach_rad).cos() };
+        let share =
+            if self.reach_rad >= 3.2 { 1.0 } else { (0.5 * std::f64::consts::PI * around / self.reach_rad).cos() };
         // A thin crest on a broad foot.
         let profile = 0.72 * (-from_crest * from_crest).exp() + 0.28 * (-(from_crest / 2.6).powi(2)).exp();
         self.depth * share.sqrt() * share.sqrt().min(1.0) * profile

@@ -74,7 +74,8 @@ impl Rugae {
         let place = |along: f64, around: f64| {
             Vector3::new(along_m / along, around * around_rad.cos(), around * around_rad.sin())
         };
-        let winding = 1.5 * turbulence(self.key, &place(0.028, 1.6)) + 0.5 * turbulence(self.key.at(1), &place(0.011, 3.0));
+        let winding =
+            1.5 * turbulence(self.key, &place(0.028, 1.6)) + 0.5 * turbulence(self.key.at(1), &place(0.011, 3.0));
         let swell = 0.75 + 0.45 * turbulence(self.key.at(2), &place(0.02, 2.4));
         let ridge = 0.5 + 0.5 * (self.count * around_rad + winding * 1.9 + 0.3 * TAU * share).cos();
         // Round crests with narrow valleys between them.

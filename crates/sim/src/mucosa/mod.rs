@@ -189,7 +189,13 @@ impl Mucosa {
     }
 
     /// Vessels and relief; the slope is turned into space.
-    fn detail(&self, anatomy: &Anatomy, hit: &Hit, place: &Coordinates, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
+    fn detail(
+        &self,
+        anatomy: &Anatomy,
+        hit: &Hit,
+        place: &Coordinates,
+        footprint_m: f64,
+    ) -> (tile::Texel, Vector3<f64>) {
         let chart = anatomy.chart.of(place);
         match (&anatomy.chart, &anatomy.wall.topology) {
             // The closed ends have no "around": a layout by angle would shrink to a star there.
@@ -216,7 +222,12 @@ impl Mucosa {
     }
 
     /// The tile laid on from three sides and mixed by the normal: for walls without a layout of their own.
-    fn from_three_sides(&self, rest: &Vector3<f64>, normal: &Vector3<f64>, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
+    fn from_three_sides(
+        &self,
+        rest: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        footprint_m: f64,
+    ) -> (tile::Texel, Vector3<f64>) {
         let weights = normal.map(|x| x.abs().powi(6));
         let weights = weights / weights.sum();
         let p = rest / Tile::EXTENT_M;
@@ -275,12 +286,12 @@ impl Mucosa {
 
 /// Linear colour of the imported picture at a hit.
 fn textured(anatomy: &Anatomy, hit: &Hit) -> Option<[f64; 3]> {
-    let Topology::Triangles { texture_coordinates: Some(coordinates), .. } = &anatomy.wall.topology else { return None };
+    let Topology::Triangles { texture_coordinates: Some(coordinates), .. } = &anatomy.wall.topology else {
+        return None;
+    };
     let picture = anatomy.texture.as_ref()?;
     let [p, q, r] = coordinates.get(hit.site.cell as usize)?;
-    let mix = |i: usize| {
-        f64::from(p[i]) + hit.site.a * f64::from(q[i] - p[i]) + hit.site.b * f64::from(r[i] - p[i])
-    };
+    let mix = |i: usize| f64::from(p[i]) + hit.site.a * f64::from(q[i] - p[i]) + hit.site.b * f64::from(r[i] - p[i]);
     // Texture rows count from the bottom; the picture repeats.
     let (u, v) = (mix(0).rem_euclid(1.0), 1.0 - mix(1).rem_euclid(1.0));
     let size = picture.size();

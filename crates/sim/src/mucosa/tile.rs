@@ -87,7 +87,8 @@ fn halved(level: &[[u8; 5]], side: usize) -> Vec<[u8; 5]> {
     let half = side / 2;
     let texel = |i: usize| {
         let (x, y) = (2 * (i % half), 2 * (i / half));
-        let four = [level[y * side + x], level[y * side + x + 1], level[(y + 1) * side + x], level[(y + 1) * side + x + 1]];
+        let four =
+            [level[y * side + x], level[y * side + x + 1], level[(y + 1) * side + x], level[(y + 1) * side + x + 1]];
         std::array::from_fn(|c| (four.iter().map(|texel| u16::from(texel[c])).sum::<u16>().div_ceil(4)).min(255) as u8)
     };
     (0..half * half).map(texel).collect()

@@ -8,10 +8,10 @@ mod kind;
 
 pub use kind::PathKind;
 
-use crate::{Effect, Effects, SimError};
 use crate::anatomy::{Anatomy, Axis};
 use crate::deformation::Deformation;
 use crate::random::{Key, Wander};
+use crate::{Effect, Effects, SimError};
 use endoscape_core::Pose;
 use kind::{Course, Habits};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -145,7 +145,8 @@ impl<'a> Flight<'a> {
             0.0,
         );
         let back = habits.retroflexion_rad * retroflexed(self.share(along_m));
-        let spin = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), habits.roll_rad * roll + habits.spin_rad_s * time_s);
+        let spin =
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), habits.roll_rad * roll + habits.spin_rad_s * time_s);
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), back) * UnitQuaternion::from_scaled_axis(tilt) * spin
     }
 

@@ -37,9 +37,8 @@ fn refract(light: &mut Light, cover: &mut [f32], dry: &Light, size: Size, drop: 
     }
     // Upside down, wider towards the rim, as through a ball.
     let bend = SHRUNKEN * drop.radius * (1.0 + share * share);
-    let from = |middle: f64, offset: f64, extent: usize| {
-        (middle - bend * offset).clamp(0.0, (extent - 1) as f64) as usize
-    };
+    let from =
+        |middle: f64, offset: f64, extent: usize| (middle - bend * offset).clamp(0.0, (extent - 1) as f64) as usize;
     let source = dry[from(drop.y, dy, size.height) * size.width + from(drop.x, dx, size.width)];
     let at = y * size.width + x;
     // A dark rim, and a soft edge where the film of water thins out.

@@ -29,7 +29,8 @@ pub fn compressed(picture: Image, subsampled: bool, quality: Option<u8>) -> Resu
     JpegEncoder::new_with_quality(&mut bytes, quality)
         .write_image(picture.rgb(), size.width as u32, size.height as u32, ExtendedColorType::Rgb8)
         .map_err(|error| refused(&error, size))?;
-    let decoded = image::load_from_memory_with_format(&bytes, ImageFormat::Jpeg).map_err(|error| refused(&error, size))?;
+    let decoded =
+        image::load_from_memory_with_format(&bytes, ImageFormat::Jpeg).map_err(|error| refused(&error, size))?;
     image(size, decoded.into_rgb8().into_raw())
 }
 

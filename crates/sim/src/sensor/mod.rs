@@ -166,7 +166,11 @@ impl Sensor {
         };
         let bytes: Vec<u8> = (0..3 * size.area()).into_par_iter().map(|i| byte(i / 3, i % 3)).collect();
         let image = encode::image(size, bytes)?;
-        encode::compressed(image, self.effects.has(Effect::Chroma), self.effects.has(Effect::Jpeg).then_some(JPEG_QUALITY))
+        encode::compressed(
+            image,
+            self.effects.has(Effect::Chroma),
+            self.effects.has(Effect::Jpeg).then_some(JPEG_QUALITY),
+        )
     }
 }
 

@@ -6,7 +6,14 @@ fn optics() -> Optics {
 }
 
 fn grey(value: f64) -> Vec<Sample> {
-    let sample = Sample { depth_m: 0.02, distance_m: 0.022, diffuse: [value; 3], label: 1, flow: Some([3.0, 0.0]), ..Sample::default() };
+    let sample = Sample {
+        depth_m: 0.02,
+        distance_m: 0.022,
+        diffuse: [value; 3],
+        label: 1,
+        flow: Some([3.0, 0.0]),
+        ..Sample::default()
+    };
     vec![sample; 32 * 24]
 }
 

@@ -115,10 +115,10 @@ impl Wall {
                 Coordinates {
                     along_m: here.along_m + site.a * (next.along_m - here.along_m),
                     around_rad: here.around_rad + site.b * turn,
-                    rest: here.rest.lerp(&next.rest, site.a).lerp(
-                        &at(row, column + 1).rest.lerp(&at(row + 1, column + 1).rest, site.a),
-                        site.b,
-                    ),
+                    rest: here
+                        .rest
+                        .lerp(&next.rest, site.a)
+                        .lerp(&at(row, column + 1).rest.lerp(&at(row + 1, column + 1).rest, site.a), site.b),
                     fold: here.fold,
                 }
             }

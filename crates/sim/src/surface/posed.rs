@@ -148,9 +148,7 @@ impl<'a> Posed<'a> {
 impl Shape {
     fn new(wall: &Wall, points: Vec<Vector3<f64>>) -> Self {
         match &wall.topology {
-            Topology::Patches { rows, columns, wrapped } => {
-                Self::Patches(Net::new(&points, *rows, *columns, *wrapped))
-            }
+            Topology::Patches { rows, columns, wrapped } => Self::Patches(Net::new(&points, *rows, *columns, *wrapped)),
             Topology::Triangles { faces, .. } => {
                 let normals = vertex_normals(&points, faces);
                 Self::Triangles { points, normals }
