@@ -31,7 +31,7 @@ pub fn compressed(picture: Image, subsampled: bool, quality: Option<u8>) -> Resu
         .map_err(|error| refused(&error, size))?;
     let decoded =
         image::load_from_memory_with_format(&bytes, ImageFormat::Jpeg).map_err(|error| refused(&error, size))?;
-    self::image(size, decoded.into_rgb8().into_raw())
+    image(size, decoded.into_rgb8().into_raw())
 }
 
 /// Colour averaged over squares of two by two pixels, brightness kept (4:2:0 with the matrix of ITU-R BT.601).

@@ -106,9 +106,10 @@ fn triangles_are_met_where_they_are() {
         let b = o.dot(d);
         -b + (b * b - o.norm_squared() + 0.02 * 0.02).sqrt()
     };
-    // The sagitta of an edge of 1.6 mm on a radius of 20 mm is 16 micrometres.
+    // Right triangles with a diagonal of 2.25 mm on a radius of 20 mm lie up to 31.7 micrometres inside, along a ray
+    // from 4 mm off the centre up to 32.3.
     let error = worst(&wall, exact);
-    assert!(error < 3e-5 && error > 1e-7, "{error}");
+    assert!(error < 3.24e-5 && error > 1e-7, "{error}");
     assert!(Posed::new(&wall).blocked(&Vector3::zeros(), &Vector3::new(0.03, 0.0, 0.0)));
     assert!(!Posed::new(&wall).blocked(&Vector3::zeros(), &Vector3::new(0.01, 0.0, 0.0)));
 }
