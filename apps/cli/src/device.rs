@@ -38,7 +38,7 @@ impl DeviceName {
         // GPU backends panic where a driver or the device itself is missing, so a sum is tried before any work begins.
         let hook = panic::take_hook();
         panic::set_hook(Box::new(|_| {}));
-        let answer = panic::catch_unwind(|| {
+        let answer = panic::catch_unwind(|| -> anyhow::Result<Option<Device>> {
             let device = self.of_this_build()?;
             let sum = Tensor::<1>::ones([2], &device).sum().into_data();
             Ok(sum.iter::<f32>().eq([2.0]).then_some(device))

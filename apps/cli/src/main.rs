@@ -8,6 +8,7 @@
 mod commands;
 mod device;
 mod input;
+mod memory;
 mod progress;
 
 use clap::{Parser, Subcommand};
@@ -30,7 +31,13 @@ enum Command {
     Eval(commands::eval::Args),
     Import(commands::import::Args),
     Export(commands::export::Args),
+    Simulate(commands::simulate::Args),
     Train(commands::train::Args),
+    Run(commands::run::Args),
+    Depth(commands::depth::Args),
+    Motion(commands::motion::Args),
+    Compare(Box<commands::compare::Args>),
+    Report(commands::report::Args),
 }
 
 fn main() -> ExitCode {
@@ -42,7 +49,13 @@ fn main() -> ExitCode {
         Command::Eval(args) => commands::eval::run(args),
         Command::Import(args) => commands::import::run(args),
         Command::Export(args) => commands::export::run(args),
+        Command::Simulate(args) => commands::simulate::run(args),
         Command::Train(args) => commands::train::run(args),
+        Command::Run(args) => commands::run::run(args),
+        Command::Depth(args) => commands::depth::run(args),
+        Command::Motion(args) => commands::motion::run(args),
+        Command::Compare(args) => commands::compare::run(args),
+        Command::Report(args) => commands::report::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -12,11 +12,19 @@ use std::process::Command;
 /// Each crate of ours and those of ours it may use.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-core", &[]),
+    ("endoscape-baselines", &["endoscape-core"]),
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
-    ("endoscape-nets", &["endoscape-core"]),
-    ("endoscape-synthesis", &["endoscape-core"]),
-    ("endoscape-train", &["endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"]),
+    ("endoscape-kernels", &[]),
+    ("endoscape-nets", &["endoscape-core", "endoscape-kernels"]),
+    ("endoscape-synthesis", &["endoscape-core", "endoscape-kernels"]),
+    (
+        "endoscape-train",
+        &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
+    ),
+    ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
+    ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
+    ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     (
         "endoscape-cli",
         &[
@@ -24,6 +32,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "endoscape-frames",
             "endoscape-eval",
             "endoscape-nets",
+            "endoscape-odometry",
+            "endoscape-report",
+            "endoscape-sim",
             "endoscape-synthesis",
             "endoscape-train",
         ],
@@ -31,7 +42,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crates that may link Burn; all others stay light.
-const WITH_BURN: &[&str] = &["endoscape-nets", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
+const WITH_BURN: &[&str] =
+    &["endoscape-nets", "endoscape-odometry", "endoscape-synthesis", "endoscape-train", "endoscape-cli"];
 
 fn packages() -> Vec<serde_json::Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];

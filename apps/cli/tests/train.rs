@@ -8,30 +8,11 @@
 )]
 
 mod common;
-use common::{fail, succeed, tube};
+use common::{TINY, fail, succeed, tube};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-/// Networks small enough for a test, and a checkpoint after every step.
-const TINY: &str = "
-width = 64
-height = 48
-batch = 2
-log_every = 1
-validate_every = 4
-validation_snippets = 2
-checkpoint_seconds = 0.0
-gap.fixed = 1
-[nets.disp]
-encoder = [4, 4, 8, 8, 8, 8, 8]
-decoder = [8, 8, 8, 8, 4, 4, 4]
-[nets.pose]
-encoder = [4, 4, 8, 8, 8]
-motion = [8, 8]
-mask_decoder = [8, 8, 4, 4, 4]
-";
 
 struct Place {
     folder: tempfile::TempDir,

@@ -7,6 +7,7 @@
 //! | [`se3`] | [`Pose`] with exponential, logarithm and adjoint |
 //! | [`motion`] | [`Rotation`]: what the last three of the six numbers of a motion mean |
 //! | [`trajectory`] | [`Trajectory`] of timed `world_from_camera` poses and its text formats |
+//! | [`magnetic`] | the field of a [`Dipole`](magnetic::Dipole), the Hall array and magnet of a [`MagneticRig`] |
 //! | [`observation`] | [`Observation`]: a [`Frame`] or a [`MagneticReading`] |
 //! | [`odometry`] | the [`Odometry`] and [`DepthEstimator`] traits every method implements |
 //! | [`event`] | [`Event`] and [`EventSink`]: how libraries report without printing |
@@ -17,6 +18,7 @@
 
 pub mod camera;
 pub mod event;
+pub mod magnetic;
 pub mod motion;
 pub mod observation;
 pub mod odometry;
@@ -26,6 +28,7 @@ pub mod trajectory;
 
 pub use camera::{Camera, CameraError, CameraModel};
 pub use event::{Event, EventSink};
+pub use magnetic::MagneticRig;
 pub use motion::Rotation;
 pub use observation::{Frame, MagneticReading, Observation};
 pub use odometry::{DepthEstimator, Odometry, TrackError, Tracked};

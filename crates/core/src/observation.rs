@@ -19,14 +19,15 @@ pub struct Frame {
     pub usable: Option<Arc<Mask>>,
 }
 
-/// One reading of an array of magnetic field sensors.
+/// One reading of an array of magnetic field sensors, which a [`MagneticRig`](crate::MagneticRig) describes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MagneticReading {
     /// Position in its source, counted from 0.
     pub index: usize,
     /// Time on the same clock as the frames beside it, in seconds.
     pub time_s: f64,
-    /// Magnetic flux density in tesla at each sensor, in the array's frame; `None` for a sensor that gave nothing.
+    /// Magnetic flux density in tesla at each sensor, in the array's frame and the order of its sensors; `None` for a
+    /// sensor that gave nothing. Only components along the array's axes are measurements.
     pub field_tesla: Vec<Option<Vector3<f64>>>,
 }
 

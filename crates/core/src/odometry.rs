@@ -1,13 +1,15 @@
 //! The two sockets every method plugs into.
 
 use crate::{DepthMap, Frame, Grid, Observation, Pose};
+use std::time::Duration;
 use thiserror::Error;
 
 /// Where the camera is after one more observation.
 #[derive(Clone, Debug)]
 pub struct Tracked {
-    /// Pose in the frame of the first observation, in the method's own length unit; `None` when the method has lost
-    /// track or has not started yet. A frame is reported either way: nothing is dropped in silence.
+    /// Pose in the frame of the first observation, in the method's own length unit; a method with a reference outside
+    /// the capsule gives it in that reference's world, in metres. `None` when the method has lost track or has not
+    /// started yet. A frame is reported either way: nothing is dropped in silence.
     pub world_from_camera: Option<Pose>,
     /// Trust in this pose, from 0 (a guess) to 1.
     pub confidence: f64,
@@ -54,6 +56,11 @@ pub trait Odometry {
     /// # Errors
     /// [`TrackError`] when the method cannot continue at all.
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError>;
+
+    /// How long each stage of the last [`Odometry::track`] took, in order; empty where the method does not measure.
+    fn stage_times(&self) -> &[(&'static str, Duration)] {
+        &[]
+    }
 }
 
 /// A method that sees depth in a single frame.

@@ -35,6 +35,8 @@ pub struct Pairs {
     pub estimate: Vec<MatrixPose>,
     /// True poses, as many.
     pub truth: Vec<MatrixPose>,
+    /// Position of each true pose in the truth; of the nearest one where the truth is interpolated.
+    pub truth_index: Vec<usize>,
     /// Whether frames are missing between a pair and the one before it; the first is `false`.
     pub after_gap: Vec<bool>,
     /// Poses the estimate has.
@@ -137,6 +139,7 @@ fn timed(
     Ok(Pairs {
         estimate: matches.iter().map(|(i, _)| estimate.world_from_camera()[*i]).collect(),
         truth: matches.iter().map(|pair| true_pose(*pair)).collect(),
+        truth_index: matches.iter().map(|(_, j)| *j).collect(),
         after_gap: gaps(&times_s),
         estimate_frames: estimate.len(),
         truth_frames: truth.len(),
@@ -171,6 +174,7 @@ fn by_order(estimate: &Poses, truth: &Poses) -> Pairs {
     Pairs {
         estimate: estimate.world_from_camera()[..count].to_vec(),
         truth: truth.world_from_camera()[..count].to_vec(),
+        truth_index: (0..count).collect(),
         after_gap: vec![false; count],
         estimate_frames: estimate.len(),
         truth_frames: truth.len(),
@@ -195,6 +199,7 @@ fn by_frame(estimate: &Poses, truth: &Poses) -> Result<Pairs, EvalError> {
     Ok(Pairs {
         estimate: matches.iter().map(|(i, _)| estimate.world_from_camera()[*i]).collect(),
         truth: matches.iter().map(|(_, j)| truth.world_from_camera()[*j]).collect(),
+        truth_index: matches.iter().map(|(_, j)| *j).collect(),
         after_gap: gaps(&frames),
         estimate_frames: estimate.len(),
         truth_frames: truth.len(),

@@ -16,6 +16,8 @@
 //! | [`snippets`] | errors of short windows, in both definitions |
 //! | [`baselines`] | what looking at nothing would get |
 //! | [`inverted`] | estimates written the wrong way round |
+//! | [`mod@trace`] | errors pose by pose, for figures |
+//! | [`paired`] | whether one method is better than another, or only luckier |
 //! | [`bootstrap`], [`stats`] | intervals and summaries |
 //! | [`trajectory`] | the recipe |
 //! | [`depth`] | errors of depth maps |
@@ -33,6 +35,7 @@ pub mod depth;
 pub mod drift;
 pub mod error;
 pub mod inverted;
+pub mod paired;
 pub mod poses;
 pub mod read;
 pub mod roc;
@@ -40,6 +43,7 @@ pub mod rpe;
 pub mod segments;
 pub mod snippets;
 pub mod stats;
+pub mod trace;
 pub mod trajectory;
 
 pub use align::Alignment;

@@ -10,6 +10,7 @@
 //! | [`formats`] | tells data sets apart by content and loads each into a [`Sequence`] |
 //! | [`sequence`] | [`Sequence`]: frames in time order with camera, poses, depth and masks where they exist |
 //! | [`camera_file`] | calibrations from the files of other tools |
+//! | [`magnet`] | magnetic readings beside the frames of a sequence folder |
 //! | [`malformed`] | what a parser says about content whose file it does not know |
 //! | [`reader`] | [`FrameSource`], the stream of decoded frames |
 //! | [`picture`] | still pictures of any bit depth to [`endoscape_core::Image`] |
@@ -18,6 +19,7 @@
 //! | [`sequence_folder`] | our own folder, written in one piece |
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
 //! | [`convert`] | any sequence to a sequence folder |
+//! | [`parallax`] | how far the picture moves between two frames |
 //! | [`tracks`] | points followed from picture to picture |
 //! | [`inspect`] | what a path holds and which convention its numbers follow |
 
@@ -27,8 +29,10 @@ pub mod depth;
 pub mod error;
 pub mod formats;
 pub mod inspect;
+pub mod magnet;
 pub mod malformed;
 pub mod natural;
+pub mod parallax;
 pub mod picture;
 pub mod preprocess;
 pub mod reader;

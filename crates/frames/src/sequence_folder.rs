@@ -8,6 +8,7 @@
 //! poses.tum      world_from_camera in metres; its times are those of frames.csv to the last digit
 //! depth/         NNNNNN.png, 16 bits, 0 is unknown
 //! masks/         NNNNNN.png, white is usable
+//! magnet.toml    magnet, Hall array and their places; magnet.csv: its readings (see [`crate::magnet`])
 //! ```
 //! Everything is written into a hidden folder beside the destination, which gets its name only when it is complete:
 //! whoever sees the destination sees all of it, and a failure leaves nothing behind. [`crate::formats`] reads it.
@@ -150,12 +151,15 @@ impl Writer {
         Ok(())
     }
 
-    /// Adds a file of its own, such as `magnet.csv`.
+    /// Adds a file of its own, such as `magnet.csv` or `labels/000000.png`; its folder is made if need be.
     ///
     /// # Errors
     /// [`FramesError::Io`] if the disk refuses.
     pub fn write_file(&self, name: &str, contents: impl AsRef<[u8]>) -> Result<(), FramesError> {
-        std::fs::write(self.root.join(name), contents)
+        let path = self.root.join(name);
+        let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        folder
+            .and_then(|()| std::fs::write(&path, contents))
             .map_err(|error| FramesError::io(&self.out.join(name), "write", error))
     }
 

@@ -46,6 +46,9 @@ pub struct Manifest {
     /// What it was trained on.
     #[serde(default)]
     pub data: Vec<DataSource>,
+    /// How it saw its pictures, so that it can be run as it was trained.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub input: Option<TrainedInput>,
     /// Validation figures by name; those that are not finite are left out when saving.
     #[serde(default)]
     pub validation: BTreeMap<String, f64>,
@@ -63,10 +66,24 @@ impl Default for Manifest {
             steps: 0,
             seed: None,
             data: Vec::new(),
+            input: None,
             validation: BTreeMap::new(),
             origin: None,
         }
     }
+}
+
+/// The snippets a model was trained on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TrainedInput {
+    /// Width of the pictures, pixels.
+    pub width: usize,
+    /// Height of the pictures, pixels.
+    pub height: usize,
+    /// Frames from one frame of a snippet to the next; 0 where the gap was chosen by displacement.
+    pub fixed_gap: usize,
+    /// Smallest median displacement between neighbours, as a share of the width, where the gap was chosen by it.
+    pub least_displacement: f64,
 }
 
 /// A sequence a model was trained on.

@@ -4,6 +4,7 @@
 //! finer one seeing the coarser one enlarged. Kernels are 7, 5, then 3.
 
 use crate::config::check_channels;
+use crate::conv::{Activation, convolve};
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size, upsample};
 use burn::module::Module;
@@ -210,7 +211,8 @@ impl DispNet {
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
             features = stage.fuse.forward(Tensor::cat(inputs, 1));
             if index >= FIRST_HEAD {
-                let disparity = self.disparity(self.heads[index - FIRST_HEAD].forward(features.clone()));
+                let head = &self.heads[index - FIRST_HEAD];
+                let disparity = self.disparity(convolve(head, features.clone(), Activation::None));
                 scales.push(tap(SCALES - 1 - scales.len(), disparity));
             }
         }

@@ -3,6 +3,7 @@
 //! Every stride-2 convolution maps `n` rows to `ceil(n / 2)` and every up-convolution maps them to `2 n`, cut back to
 //! the size asked for. That pair of facts is what lets the networks take pictures of any size.
 
+use crate::conv::{Activation, convolve, convolve_up};
 use burn::module::{Initializer, Module, Param};
 use burn::nn::conv::{Conv2d, ConvTranspose2d};
 use burn::nn::{BatchNorm, BatchNormConfig, PaddingConfig2d};
@@ -117,7 +118,10 @@ impl ConvBlock {
     /// - `input`: `[batch, channels_in, height, width]`
     /// - returns: `[batch, channels_out, ceil(height / stride), ceil(width / stride)]`
     pub fn forward(&self, input: Tensor<4>) -> Tensor<4> {
-        activate(self.conv.forward(input), self.norm.as_ref())
+        match &self.norm {
+            None => convolve(&self.conv, input, Activation::Relu),
+            Some(norm) => relu(norm.forward(convolve(&self.conv, input, Activation::None))),
+        }
     }
 }
 
@@ -136,15 +140,11 @@ impl UpConvBlock {
     /// - `size`: `[rows, columns]`, at most `[2 * height, 2 * width]`
     /// - returns: `[batch, channels_out, rows, columns]`
     pub fn forward(&self, input: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
-        activate(crop(self.conv.forward(input), size), self.norm.as_ref())
+        match &self.norm {
+            None => convolve_up(&self.conv, input, size, Activation::Relu),
+            Some(norm) => relu(norm.forward(convolve_up(&self.conv, input, size, Activation::None))),
+        }
     }
-}
-
-fn activate(features: Tensor<4>, norm: Option<&BatchNorm>) -> Tensor<4> {
-    relu(match norm {
-        Some(norm) => norm.forward(features),
-        None => features,
-    })
 }
 
 /// Keeps the upper left `size` (rows, columns) of a picture.

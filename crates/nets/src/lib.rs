@@ -5,8 +5,10 @@
 //! | [`disp_net`] | [`DispNet`]: one picture to a [`DisparityPyramid`] |
 //! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
 //! | [`config`] | [`NetsConfig`] and its presets |
+//! | [`input`] | pictures as the networks see them |
 //! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
 //! | [`import`] | weights of PyTorch and safetensors files |
+//! | [`plan`] | [`InferencePlan`]: the networks prepared for one picture size on the processor |
 //! | [`onnx`] | export for other programs |
 //! | [`layers`] | the blocks both are made of |
 //!
@@ -15,24 +17,30 @@
 
 pub mod checkpoint;
 pub mod config;
+mod conv;
 pub mod disp_net;
 pub mod error;
 mod files;
+mod folding;
 pub mod import;
+pub mod input;
 pub mod layers;
 pub mod onnx;
+pub mod plan;
 pub mod pose_mask_net;
 #[cfg(test)]
 mod tests;
 mod weights;
 
-pub use checkpoint::{Checkpoint, DataSource, Manifest};
+pub use checkpoint::{Checkpoint, DataSource, Manifest, TrainedInput};
 pub use config::NetsConfig;
 pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
 pub use endoscape_core::Rotation;
 pub use error::NetsError;
 pub use import::Network;
+pub use input::network_input;
 pub use layers::Padding;
 pub use onnx::OnnxOptions;
+pub use plan::{DepthPlan, InferencePlan, MotionPlan};
 pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};
 pub use weights::ImportReport;

@@ -5,6 +5,7 @@
 //! obeys the static-scene assumption. The second half is needed for training only.
 
 use crate::config::{check_channels, check_kernels};
+use crate::conv::{Activation, convolve};
 use crate::disp_net::SCALES;
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size};
@@ -289,7 +290,8 @@ impl PoseMaskNet {
 
     fn predict_motion(&self, [.., deepest]: &[Tensor<4>; 5]) -> Tensor<3> {
         let features = self.motion.iter().fold(deepest.clone(), |features, stage| stage.forward(features));
-        let motion = self.motion_head.forward(features).mean_dims(&[2, 3]).mul_scalar(MOTION_SCALE);
+        let motion =
+            convolve(&self.motion_head, features, Activation::None).mean_dims(&[2, 3]).mul_scalar(MOTION_SCALE);
         let batch = motion.dims()[0];
         motion.reshape([batch, self.sources, 6])
     }
@@ -306,7 +308,8 @@ impl MaskDecoder {
             scales.push(features.clone());
         }
         std::array::from_fn(|scale| {
-            self.reliability(self.heads[SCALES - 1 - scale].forward(scales[SCALES - scale].clone()))
+            let features = scales[SCALES - scale].clone();
+            self.reliability(convolve(&self.heads[SCALES - 1 - scale], features, Activation::None))
         })
     }
 

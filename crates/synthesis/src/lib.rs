@@ -18,6 +18,7 @@ pub mod brightness;
 pub mod camera;
 pub mod config;
 mod error;
+mod flex;
 pub mod geometry;
 pub mod mask_loss;
 pub mod motion;

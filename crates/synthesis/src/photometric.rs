@@ -3,6 +3,7 @@
 //! Pictures are RGB in [-1, 1], as the networks see them. Maps of errors and weights are `[batch, 1, height, width]`;
 //! weights are 0 or 1 and carry no gradient.
 
+use crate::flex;
 use crate::warp::indicator;
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,11 @@ pub fn structural_distance(a: Tensor<4>, b: Tensor<4>) -> Tensor<4> {
 /// - `a`, `b`: `[batch, channels, height, width]`, in [-1, 1]
 /// - returns: `[batch, 1, height, width]`
 pub fn photometric_error(a: Tensor<4>, b: Tensor<4>, ssim_weight: f64) -> Tensor<4> {
+    flex::photometric_error(&a, &b, ssim_weight).unwrap_or_else(|| photometric_error_reference(a, b, ssim_weight))
+}
+
+/// [`photometric_error`] in plain tensor operations.
+pub(crate) fn photometric_error_reference(a: Tensor<4>, b: Tensor<4>, ssim_weight: f64) -> Tensor<4> {
     if ssim_weight == 0.0 {
         return absolute_difference(a, b);
     }

@@ -2,13 +2,14 @@
 //!
 //! Back-project the target's pixels with their depth, move the points into the source camera, project them, and read
 //! the source picture there: `p_s ~ K T(source <- target) D(p_t) K^-1 p_t` (Eq. 2 of docs/math.md), with any lens in
-//! the place of `K`. Everything is built from tensor operations that differentiate by themselves; the results here are
-//! the reference for faster kernels.
+//! the place of `K`. Everything is built from tensor operations that differentiate by themselves; where `flex.rs`
+//! has a faster kernel, they are its reference.
 //!
 //! Pixel centres lie at integer coordinates. [`sample_bilinear`] is the only place that reads a picture between its
 //! pixels, so the only place where that convention can be broken; it equals `grid_sample` with `align_corners = true`.
 
 use crate::camera::{CameraBatch, Projected};
+use crate::flex;
 use burn::tensor::{Bool, Int, Tensor};
 use serde::{Deserialize, Serialize};
 
@@ -149,6 +150,11 @@ pub fn transform(transform: Tensor<3>, points: Tensor<4>) -> Tensor<4> {
 /// - `pixels`: `[batch, 2, rows, columns]`: column, then row; finite
 /// - returns: `[batch, channels, rows, columns]`
 pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
+    flex::sample_bilinear(&picture, &pixels).unwrap_or_else(|| sample_bilinear_reference(picture, pixels))
+}
+
+/// [`sample_bilinear`] in plain tensor operations.
+pub(crate) fn sample_bilinear_reference(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
     let [batch, channels, height, width] = picture.dims();
     let [_, _, rows, columns] = pixels.dims();
     let (left, right_share) = cell(pixels.clone().narrow(1, 0, 1), width);

@@ -7,6 +7,7 @@ use crate::error::TrainError;
 use burn::tensor::{Device, Tensor, TensorData};
 use endoscape_core::{Camera, Size};
 use endoscape_nets::SCALES;
+use endoscape_nets::input::network_range;
 use endoscape_synthesis::config::Scales;
 use endoscape_synthesis::objective::{View, ViewBatch};
 use endoscape_synthesis::{CameraPyramid, ObjectiveConfig, pyramid};
@@ -49,11 +50,6 @@ impl SnippetBatch {
     }
 }
 
-/// The networks' range, [-1, 1], from 0 to 1.
-fn network_range(value: f32) -> f32 {
-    2.0 * value - 1.0
-}
-
 /// One frame of every snippet, `[batch, 3, height, width]`, RGB in [-1, 1].
 fn pictures(
     items: &[Item],
@@ -69,12 +65,4 @@ fn pictures(
 fn masks(items: &[Item], size: Size, frame: usize, device: &Device) -> Tensor<4> {
     let values: Vec<f32> = items.iter().flat_map(|item| item.frames[frame].usable.iter().copied()).collect();
     Tensor::from_data(TensorData::new(values, [items.len(), 1, size.height, size.width]), device)
-}
-
-/// One picture as the networks take it, `[1, 3, height, width]`, RGB in [-1, 1].
-pub fn network_input(image: &endoscape_core::Image, device: &Device) -> Tensor<4> {
-    let planes = Planes::new(image);
-    let Size { width, height } = planes.size();
-    let values: Vec<f32> = planes.values().iter().copied().map(network_range).collect();
-    Tensor::from_data(TensorData::new(values, [1, 3, height, width]), device)
 }

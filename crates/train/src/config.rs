@@ -11,7 +11,7 @@ use crate::error::TrainError;
 use crate::gap::GapConfig;
 use crate::schedule::Decay;
 use endoscape_core::Size;
-use endoscape_nets::NetsConfig;
+use endoscape_nets::{NetsConfig, TrainedInput};
 use endoscape_synthesis::ObjectiveConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -204,6 +204,13 @@ impl TrainConfig {
     /// Size of the pictures the networks see.
     pub const fn size(&self) -> Size {
         Size::new(self.width, self.height)
+    }
+
+    /// What the checkpoint says about its pictures.
+    pub const fn trained_input(&self) -> TrainedInput {
+        let Self { width, height, gap, .. } = self;
+        let (fixed_gap, least_displacement) = (gap.fixed, gap.least);
+        TrainedInput { width: *width, height: *height, fixed_gap, least_displacement }
     }
 
     /// Frames per snippet.

@@ -6,7 +6,7 @@
 
 use crate::clip::Clip;
 use crate::error::TrainError;
-use crate::parallax::{Thumbnail, displacement};
+use endoscape_frames::parallax::{Thumbnail, displacement};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -9,7 +9,7 @@
 //! |---|---|
 //! | [`config`] | [`TrainConfig`]: preset, then file, then flags |
 //! | [`clip`] | [`Clip`]: one video at the training size |
-//! | [`parallax`], [`gap`] | how far apart the frames of a snippet are |
+//! | [`gap`] | how far apart the frames of a snippet are |
 //! | [`dataset`] | [`SnippetDataset`]: all snippets, drawn by seed and step |
 //! | [`augment`](mod@augment) | the same snippet as it could also have been |
 //! | [`batch`], [`loader`] | snippets to tensors, made ahead by threads |
@@ -33,7 +33,6 @@ pub mod gap;
 pub mod loader;
 pub mod model;
 pub mod optimizer;
-pub mod parallax;
 pub mod run_folder;
 pub mod schedule;
 pub mod state;

@@ -378,6 +378,7 @@ impl<'a> Session<'a> {
             steps: self.state.progress.step,
             seed: Some(self.config.seed),
             data: sources_of(&self.job.data),
+            input: Some(self.config.trained_input()),
             validation: scores.map(Scores::named).unwrap_or_default(),
             origin: self.job.init.as_ref().map(|path| path.display().to_string()),
             ..Manifest::default()

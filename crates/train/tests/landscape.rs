@@ -16,11 +16,11 @@ use burn::optim::{AdamConfig, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{SIZE, tube_clip};
 use endoscape_core::{Pose, Rotation};
+use endoscape_nets::network_input;
 use endoscape_synthesis::config::Brightness;
 use endoscape_synthesis::{
     CameraPyramid, CameraScaling, ObjectiveConfig, Prediction, View, ViewBatch, objective, source_from_target,
 };
-use endoscape_train::batch::network_input;
 use endoscape_train::clip::Clip;
 
 const FRAMES: usize = 5;

@@ -1,9 +1,15 @@
 //! One module per command: its arguments and what it does.
 
+pub mod compare;
 pub mod convert;
+pub mod depth;
 pub mod devices;
 pub mod eval;
 pub mod export;
 pub mod import;
 pub mod inspect;
+pub mod motion;
+pub mod report;
+pub mod run;
+pub mod simulate;
 pub mod train;

@@ -77,3 +77,36 @@ pub fn copy(from: impl AsRef<Path>, to: impl AsRef<Path>) {
         }
     }
 }
+
+/// Networks small enough for a test.
+pub const TINY: &str = "
+width = 64
+height = 48
+batch = 2
+log_every = 1
+validate_every = 4
+validation_snippets = 2
+checkpoint_seconds = 0.0
+gap.fixed = 1
+[nets.disp]
+encoder = [4, 4, 8, 8, 8, 8, 8]
+decoder = [8, 8, 8, 8, 4, 4, 4]
+[nets.pose]
+encoder = [4, 4, 8, 8, 8]
+motion = [8, 8]
+mask_decoder = [8, 8, 4, 4, 4]
+";
+
+/// A training run of a few steps on the repository's sequence, made once per test program.
+pub fn model() -> String {
+    static RUN: std::sync::OnceLock<tempfile::TempDir> = std::sync::OnceLock::new();
+    let folder = RUN.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let (config, out) = (folder.path().join("tiny.toml"), folder.path().join("run"));
+        std::fs::write(&config, TINY).unwrap();
+        let (config, out) = (config.display().to_string(), out.display().to_string());
+        succeed(&["train", "--data", &tube(), "--out", &out, "--config", &config, "--steps", "6"]);
+        folder
+    });
+    folder.path().join("run").display().to_string()
+}

@@ -7,6 +7,7 @@ use crate::{FramesError, natural, picture};
 use endoscape_core::camera::Intrinsics;
 use endoscape_core::trajectory::{TextError, TimedPose, numbers, records};
 use endoscape_core::{Camera, CameraError, Pose, Size, Trajectory, TrajectoryError};
+use serde::de::DeserializeOwned;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +36,15 @@ pub fn is_picture(name: &str) -> bool {
 /// Ending of a file name in lower case, without its dot.
 pub fn extension(name: &str) -> Option<String> {
     Path::new(name).extension().map(|extension| extension.to_string_lossy().to_lowercase())
+}
+
+/// Reads a TOML file whole; a fault in it is told with its line.
+pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, FramesError> {
+    let text = read_text(path)?;
+    toml::from_str(&text).map_err(|error| {
+        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+        FramesError::line(path, 1 + before.matches('\n').count(), error.message().replace('\n', ", "))
+    })
 }
 
 /// Reads a whole text file, refusing one that is absurdly large or not text.

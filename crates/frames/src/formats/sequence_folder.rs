@@ -6,7 +6,6 @@ use crate::sequence::{FrameEntry, ImageLocation};
 use crate::sequence_folder::{Manifest, Row, VERSION};
 use crate::{FramesError, Sequence, picture};
 use endoscape_core::{Camera, TimedPose, trajectory};
-use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
 
 /// Takes folders with a `sequence.toml`.
@@ -15,7 +14,7 @@ pub fn probe(path: &Path) -> Probe {
 }
 
 fn load(root: &Path) -> Result<Sequence, FramesError> {
-    let manifest: Manifest = read_toml(&root.join("sequence.toml"))?;
+    let manifest: Manifest = common::read_toml(&root.join("sequence.toml"))?;
     if manifest.version > VERSION {
         let reason = format!("is of version {}, this endoscape knows {VERSION}", manifest.version);
         return Err(FramesError::file(&root.join("sequence.toml"), reason, "use a newer endoscape"));
@@ -27,7 +26,7 @@ fn load(root: &Path) -> Result<Sequence, FramesError> {
     };
     let size = picture::size(first)?;
     let camera_file = root.join("camera.toml");
-    let camera: Option<Camera> = if camera_file.exists() { Some(read_toml(&camera_file)?) } else { None };
+    let camera: Option<Camera> = if camera_file.exists() { Some(common::read_toml(&camera_file)?) } else { None };
     if let Some(camera) = camera.filter(|camera| camera.size() != size) {
         let reason = format!("is for {} but the frames are {size}", camera.size());
         return Err(FramesError::file(&camera_file, reason, "give the camera of these frames"));
@@ -47,14 +46,6 @@ fn load(root: &Path) -> Result<Sequence, FramesError> {
         frames,
         license: manifest.license,
         warnings: Vec::new(),
-    })
-}
-
-fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, FramesError> {
-    let text = common::read_text(path)?;
-    toml::from_str(&text).map_err(|error| {
-        let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
-        FramesError::line(path, 1 + before.matches('\n').count(), error.message().replace('\n', ", "))
     })
 }
 

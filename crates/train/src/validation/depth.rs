@@ -1,9 +1,8 @@
 //! Depth against truth, up to the scale no single camera can know.
 
-use crate::batch::network_input;
 use crate::clip::ClipFrame;
 use burn::tensor::Device;
-use endoscape_nets::DispNet;
+use endoscape_nets::{DispNet, network_input};
 
 /// Depth errors of one picture or their mean (Eigen et al. 2014).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! The trajectory the motion network gives when its motions are chained, against truth.
 
-use crate::batch::network_input;
 use crate::clip::{Clip, ClipFrame};
 use crate::dataset::snippet_frames;
 use crate::model::DepthMotionModel;
 use burn::tensor::{Device, Tensor};
 use endoscape_core::Pose;
+use endoscape_nets::network_input;
 use nalgebra::{Matrix3, Vector3};
 
 /// Most motions chained in one clip.

@@ -45,12 +45,26 @@ impl Pairing {
         }
     }
 
+    /// What happens to poses that share a stamp.
+    pub const fn duplicates(&self) -> Duplicates {
+        if self.keep_duplicates { Duplicates::Keep } else { Duplicates::Refuse }
+    }
+
+    /// The truth at a path.
+    pub fn truth(&self, path: &Path) -> anyhow::Result<Poses> {
+        poses(path, self.truth_format, self.duplicates())
+    }
+
+    /// An estimate at a path.
+    pub fn estimate(&self, path: &Path) -> anyhow::Result<Poses> {
+        poses(path, self.format, self.duplicates())
+    }
+
     /// Reads both trajectories side by side.
     pub fn read(&self, estimate: &Path, truth: &Path) -> anyhow::Result<(Poses, Poses)> {
-        let duplicates = if self.keep_duplicates { Duplicates::Keep } else { Duplicates::Refuse };
         let (estimate, truth) = std::thread::scope(|scope| {
-            let other = scope.spawn(|| poses(truth, self.truth_format, duplicates));
-            let estimate = poses(estimate, self.format, duplicates);
+            let other = scope.spawn(|| self.truth(truth));
+            let estimate = self.estimate(estimate);
             let truth = other.join().unwrap_or_else(|_| Err(anyhow!("{}: cannot be read", truth.display())));
             (estimate, truth)
         });

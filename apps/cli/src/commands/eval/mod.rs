@@ -1,15 +1,14 @@
 //! `endoscape eval`: errors of trajectories, short windows and depth maps, beside what a trivial answer would get.
 
 mod depth;
-mod load;
+pub mod load;
 mod snippets;
-mod table;
 mod trajectory;
 
 use anyhow::Context as _;
+use endoscape_report::table::Table;
 use serde::Serialize;
 use std::io::Write as _;
-use table::Table;
 
 /// Compare an estimate with the truth.
 #[derive(clap::Args)]
@@ -40,7 +39,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 /// How the result is written to standard output; a table for people by default.
 #[derive(clap::Args)]
 #[group(multiple = false)]
-struct Output {
+pub struct Output {
     /// One JSON object
     #[arg(long)]
     json: bool,
@@ -54,7 +53,7 @@ struct Output {
 
 impl Output {
     /// Writes the result in the form asked for; warnings go to standard error.
-    fn write(&self, result: &impl Serialize, tables: &[Table], warnings: &[String]) -> anyhow::Result<()> {
+    pub fn write(&self, result: &impl Serialize, tables: &[Table], warnings: &[String]) -> anyhow::Result<()> {
         let mut errors = std::io::stderr().lock();
         for warning in warnings {
             // Nothing can be done about a standard error that is closed.

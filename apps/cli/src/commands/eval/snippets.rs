@@ -2,8 +2,8 @@
 
 use super::Output;
 use super::load::Pairing;
-use super::table::{Best, Cell, Table, length_unit};
 use endoscape_eval::snippets::{SnippetErrors, SnippetEvaluation, evaluate};
+use endoscape_report::table::{Best, Cell, Table, length_unit};
 use std::path::PathBuf;
 
 /// Errors of short windows (the protocol of SfMLearner), in both definitions in use.

@@ -2,10 +2,10 @@
 
 use super::Output;
 use super::load::Pairing;
-use super::table::{Best, Cell, Table, length_unit};
 use endoscape_eval::Alignment;
 use endoscape_eval::rpe::{Delta, DeltaUnit};
 use endoscape_eval::trajectory::{Settings, TrajectoryErrors, TrajectoryEvaluation, evaluate};
+use endoscape_report::table::{Best, Cell, Table, length_unit};
 use std::path::PathBuf;
 
 /// Errors of a trajectory: absolute, relative, and against path length.

@@ -1,5 +1,6 @@
-//! Tables for people, spreadsheets and papers.
+//! Tables for people, spreadsheets, papers and pages.
 
+use maud::{Markup, html};
 use std::fmt::Write as _;
 
 /// Digits the smallest number of a column is shown with.
@@ -12,19 +13,26 @@ const NEGLIGIBLE: f64 = 1e-4;
 const MOST_DECIMALS: i32 = 6;
 
 /// Which numbers of a column are good.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Best {
+    /// Small ones.
     Lowest,
+    /// Large ones.
     Highest,
     /// Numbers that are no matter of good or bad.
     Neither,
 }
 
 /// One value; what is missing is shown as a dash.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
+    /// Words.
     Text(String),
+    /// A whole number.
     Count(usize),
+    /// A measured number.
     Number(f64),
+    /// Nothing known.
     Missing,
 }
 
@@ -35,20 +43,66 @@ impl From<Option<f64>> for Cell {
 }
 
 /// A title, named columns with their units, and rows. The best number of a column is marked.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     title: String,
     columns: Vec<(String, Best)>,
     rows: Vec<Vec<Cell>>,
+    /// Rows at the end that are shown for comparison and never marked.
+    aside: usize,
 }
 
 impl Table {
+    /// An empty table.
     pub fn new(title: impl Into<String>, columns: &[(&str, Best)]) -> Self {
         let columns = columns.iter().map(|(head, best)| ((*head).to_owned(), *best)).collect();
-        Self { title: title.into(), columns, rows: Vec::new() }
+        Self { title: title.into(), columns, rows: Vec::new(), aside: 0 }
     }
 
+    /// Adds a row with one cell per column.
     pub fn push(&mut self, row: Vec<Cell>) {
         self.rows.push(row);
+    }
+
+    /// Adds a row for comparison, such as a trivial answer; only such rows may follow it.
+    pub fn push_aside(&mut self, row: Vec<Cell>) {
+        self.rows.push(row);
+        self.aside += 1;
+    }
+
+    /// For a page: a caption, heads with scope, the best in bold, rows for comparison in a body of their own.
+    pub fn html(&self) -> Markup {
+        let cells = self.rendered("*", "");
+        let competing = self.rows.len() - self.aside;
+        let body = |rows: &[Vec<String>], class: &str| {
+            html! {
+                tbody class=(class) {
+                    @for row in rows {
+                        tr {
+                            @for (column, cell) in row.iter().enumerate() {
+                                @if column == 0 {
+                                    th scope="row" { (cell) }
+                                } @else if let Some(best) = cell.strip_suffix('*') {
+                                    td { strong { (best) } span.hidden { " (best)" } }
+                                } @else {
+                                    td { (cell) }
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        };
+        html! {
+            div.scroll tabindex="0" role="region" aria-label=(self.title) {
+                table {
+                    caption { (self.title) }
+                    thead { tr { @for (head, _) in &self.columns { th scope="col" { (head) } } } }
+                    (body(&cells[..competing], "methods"))
+                    @if self.aside > 0 { (body(&cells[competing..], "aside")) }
+                }
+            }
+        }
     }
 
     /// For a terminal: columns aligned, the best marked with a star.
@@ -159,7 +213,8 @@ impl Table {
 
     fn winner(&self, column: usize, direction: Best) -> Option<usize> {
         let ordered = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
-        let numbers = self.numbers(column);
+        let competing = self.rows.len() - self.aside;
+        let numbers = self.numbers(column).filter(|(index, _)| *index < competing);
         match direction {
             Best::Lowest => numbers.min_by(ordered).map(|(index, _)| index),
             // The first of equals, as for the lowest.

@@ -1,4 +1,4 @@
-//! How far the picture moves between two frames: enough matching to choose a frame gap, and no more.
+//! How far the picture moves between two frames: enough matching to choose a frame gap or a keyframe, and no more.
 //!
 //! Patches on a lattice are looked up in the other picture by the sum of absolute differences of their brightness, the
 //! mean of each patch taken out, so that a changing exposure does not count as motion. The median over the patches

@@ -1,0 +1,272 @@
+//! `endoscape run`: a pose and a depth map for every frame of a video.
+
+use crate::device::DeviceArgs;
+use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
+use crate::memory::peak_memory_mb;
+use crate::progress::Progress;
+use anyhow::{Context as _, bail};
+use endoscape_core::{Event, EventSink as _, Odometry, Size};
+use endoscape_frames::Sequence;
+use endoscape_nets::Checkpoint;
+use endoscape_odometry::pipeline::{self, Job};
+use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
+use endoscape_train::model_folder;
+use serde::Serialize;
+use signal_hook::consts::SIGINT;
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Confidence below which a pose counts as lost, where the method does not say.
+const LOST_BELOW: f64 = 0.1;
+
+/// Estimate the camera's path and the depth of every frame.
+///
+/// INPUT is a video, a folder of images, a data-set sequence, a sequence folder or a live address; Ctrl-C ends a live
+/// run and keeps its results. The folder of --out gets trajectory.tum, trajectory.kitti, frames.csv, depth/,
+/// reliability/ and run.json. Lengths are in the unit of the training, which a single camera cannot tie to metres.
+#[derive(clap::Args)]
+#[command(after_help = "Example:
+  endoscape run patient.mp4 --camera scope.yaml --model runs/phantom --out patient-run
+  endoscape eval trajectory patient-run recordings/patient --align sim3")]
+pub struct Args {
+    #[command(flatten)]
+    input: InputArgs,
+    /// How motion is estimated: learned.
+    #[arg(long, value_name = "NAME", default_value = "learned")]
+    method: Method,
+    /// Training run or checkpoint with the networks.
+    #[arg(long, value_name = "CKPT")]
+    model: Option<PathBuf>,
+    /// Horizontal field of view to assume for an input without calibration.
+    #[arg(long, value_name = "DEGREES", value_parser = parse_field_of_view)]
+    hfov: Option<f64>,
+    /// Size at which the networks see the pictures, and that of the depth maps [default: that of the training].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<Size>,
+    /// Frames A to B - 1 only.
+    #[arg(long, value_name = "A..B", value_parser = parse_range)]
+    range: Option<Range<usize>>,
+    /// How depth maps are stored: png (16 bits), npy (exact) or none.
+    #[arg(long, value_name = "FORM", default_value = "png")]
+    depth: DepthFormat,
+    /// Folder for the results; it must not exist or be empty [default: NAME-METHOD here].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The methods of this build.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Method {
+    Learned,
+}
+
+impl Method {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Learned => "learned",
+        }
+    }
+}
+
+impl FromStr for Method {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "learned" => Ok(Self::Learned),
+            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned")),
+        }
+    }
+}
+
+/// A method ready to run, with what `run.json` says about it.
+struct Prepared {
+    odometry: Box<dyn Odometry>,
+    model: Option<String>,
+    lost_below: f64,
+    settings: serde_json::Value,
+}
+
+/// What `--json` prints and `run.json` holds.
+#[derive(Serialize)]
+struct Summary {
+    method: &'static str,
+    model: Option<String>,
+    frames: usize,
+    tracked: usize,
+    lost_frames: Vec<usize>,
+    fps: f64,
+    /// From a decoded frame to its pose and depth.
+    latency_ms: Percentiles,
+    stages_ms: BTreeMap<&'static str, Percentiles>,
+    peak_memory_mb: Option<f64>,
+    device: String,
+    version: &'static str,
+    interrupted: bool,
+    warnings: Vec<String>,
+    depth: DepthSummary,
+    /// `null` where lengths are not metres, so that nobody takes them for such.
+    depth_metres_per_unit: Option<f64>,
+    config: Config,
+    out: String,
+}
+
+/// What the depth maps are.
+#[derive(Serialize)]
+struct DepthSummary {
+    format: DepthFormat,
+    /// Length of a step of 16-bit maps in the unit of the trajectory.
+    unit_per_step: Option<f64>,
+    /// Unit of depth and translation alike.
+    unit: &'static str,
+    size: Option<Size>,
+    /// The camera at that size.
+    camera: Option<endoscape_core::Camera>,
+}
+
+/// The call as it was resolved.
+#[derive(Serialize)]
+struct Config {
+    input: String,
+    format: String,
+    range: Option<Range<usize>>,
+    camera: Option<endoscape_core::Camera>,
+    settings: serde_json::Value,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let mut progress = Progress::new();
+    let sequence = args.input.open_assuming(args.hfov)?;
+    warn(&sequence, &mut progress);
+    let mut prepared = args.prepare()?;
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{}", sequence.name, args.method.name())));
+    let mut writer = RunWriter::create(&out, args.depth)?;
+    let stop = stop_on_interrupt()?;
+    let range = args.range.clone().unwrap_or(0..usize::MAX);
+    let job = Job { sequence: &sequence, range, lost_below: prepared.lost_below, stop: &stop };
+    let account = pipeline::run(&job, prepared.odometry.as_mut(), &mut writer, &mut progress)?;
+    let summary = args.summary(&sequence, prepared, account, (&writer, &out))?;
+    writer.finish(&summary)?;
+    report(args.json, &summary)
+}
+
+fn warn(sequence: &Sequence, progress: &mut Progress) {
+    let mut warn = |warning: String| progress.event(Event::Warned(warning));
+    sequence.warnings.iter().cloned().for_each(&mut warn);
+    if sequence.camera.is_none() {
+        warn(
+            "the camera is not known: drift of the scale is not corrected and confidence rests on the motions alone; \
+             give a calibration with --camera FILE or the field of view with --hfov DEGREES"
+                .into(),
+        );
+    }
+}
+
+/// Lets Ctrl-C end the run in an orderly way.
+fn stop_on_interrupt() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(SIGINT, stop.clone()).context("Ctrl-C cannot be handled")?;
+    Ok(stop)
+}
+
+impl Args {
+    /// Makes the method. Others plug in here.
+    fn prepare(&self) -> anyhow::Result<Prepared> {
+        match self.method {
+            Method::Learned => self.prepare_learned(),
+        }
+    }
+
+    fn prepare_learned(&self) -> anyhow::Result<Prepared> {
+        let Some(model) = &self.model else {
+            bail!("the learned method needs a model; name a training run or checkpoint with --model");
+        };
+        let device = self.device.device.open()?;
+        let checkpoint = Checkpoint::load(&model_folder(model), &device)?;
+        let config = OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), self.size);
+        Ok(Prepared {
+            model: Some(model.display().to_string()),
+            lost_below: config.lost_below,
+            settings: serde_json::to_value(&config)?,
+            odometry: Box::new(LearnedOdometry::new(checkpoint, config, &device)?),
+        })
+    }
+
+    fn summary(
+        &self,
+        sequence: &Sequence,
+        prepared: Prepared,
+        account: Account,
+        (writer, out): (&RunWriter, &Path),
+    ) -> anyhow::Result<Summary> {
+        let size = writer.depth().size();
+        let camera = sequence.camera.zip(size).map(|(camera, size)| camera.scaled_to(size)).transpose()?;
+        let Account { frames, lost_frames, latency, elapsed_s, is_interrupted, warnings } = account;
+        let mut stages_ms = latency.stages_ms();
+        let latency_ms = stages_ms.remove(pipeline::FRAME).unwrap_or_default();
+        Ok(Summary {
+            method: self.method.name(),
+            model: prepared.model,
+            frames,
+            tracked: frames - lost_frames.len(),
+            lost_frames,
+            fps: frames as f64 / elapsed_s.max(1e-9),
+            latency_ms,
+            stages_ms,
+            peak_memory_mb: peak_memory_mb(),
+            device: self.device.device.to_string(),
+            version: env!("CARGO_PKG_VERSION"),
+            interrupted: is_interrupted,
+            warnings,
+            depth: DepthSummary {
+                format: self.depth,
+                unit_per_step: writer.depth().unit(),
+                unit: "of the training, not metres",
+                size,
+                camera,
+            },
+            depth_metres_per_unit: None,
+            config: Config {
+                input: sequence.root.display().to_string(),
+                format: sequence.format.to_string(),
+                range: self.range.clone(),
+                camera: sequence.camera,
+                settings: prepared.settings,
+            },
+            out: out.display().to_string(),
+        })
+    }
+}
+
+fn report(json: bool, summary: &Summary) -> anyhow::Result<()> {
+    for warning in &summary.warnings {
+        // Nothing can be done about a standard error that is closed.
+        writeln!(std::io::stderr(), "warning: {warning}").ok();
+    }
+    let mut stdout = std::io::stdout();
+    if json {
+        writeln!(stdout, "{}", serde_json::to_string_pretty(summary)?)?;
+        return Ok(());
+    }
+    let Summary { frames, tracked, fps, latency_ms: Percentiles { p50, p95, p99, .. }, out, .. } = summary;
+    writeln!(
+        stdout,
+        "{out}: {tracked} of {frames} frames tracked, {fps:.1} per second, a frame takes {p50:.1} ms (95 %: {p95:.1}, \
+         99 %: {p99:.1})"
+    )?;
+    for (stage, Percentiles { p50, p95, p99, max }) in &summary.stages_ms {
+        writeln!(stdout, "  {stage:<12}{p50:>8.2} ms   95 % {p95:>8.2}   99 % {p99:>8.2}   longest {max:>8.2}")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,40 @@
+//! Inner loops of the networks for the processor: convolutions forward and backward, with nothing but slices.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`geometry`] | [`Geometry`]: the sizes of a convolution, and what its three products are called |
+//! | [`correlation`] | [`Correlation`]: the forward product and the gradient of the data, bias and ReLU included |
+//! | [`sampling`] | pictures read between their pixels, forward and backward |
+//! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
+//! | [`AdamStep`] | the optimiser in one pass |
+//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights and of the bias |
+//! | [`level`] | [`Level`]: which vector instructions are used |
+//!
+//! Pictures are `[batch, channels, height, width]`, `f32`, contiguous. A transposed convolution is the data gradient
+//! of a convolution, so it needs no code of its own. Vector instructions are chosen at run time (AVX-512, AVX2, NEON,
+//! scalar) by `pulp`; there is no unsafe code here. Sums are taken in an order that depends on the sizes alone, so
+//! results are the same to the last bit for any number of threads.
+
+mod activation;
+mod adam;
+pub mod correlation;
+mod enlarge;
+pub mod geometry;
+pub mod level;
+pub mod photometric;
+mod planes;
+pub mod sampling;
+#[cfg(test)]
+mod tests;
+mod tile;
+pub mod weight_gradient;
+
+pub use activation::relu_gradient;
+pub use adam::AdamStep;
+pub use correlation::{Correlation, Epilogue, PackedWeights, Workspace};
+pub use enlarge::enlarge;
+pub use geometry::Geometry;
+pub use level::Level;
+pub use photometric::Comparison;
+pub use sampling::Sampling;
+pub use weight_gradient::{GradientWorkspace, bias_gradient, weight_gradient};

@@ -1,0 +1,90 @@
+//! Pictures with zeros around them, laid out so that every tap of a kernel is a constant offset.
+//!
+//! With a border of zeros the pixel a tap sees lies at `position + offset` for all positions, rows run into each other
+//! without a gap, and a tile of pixels may cross the end of a row: what it computes there is thrown away. For stride 2
+//! even and odd rows and columns are kept apart, which makes the steps between neighbours one again.
+
+use rayon::prelude::*;
+
+/// Vectors may be read this far beyond the last plane.
+const SLACK: usize = 256;
+
+/// The layout of the planes of one picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Planes {
+    /// Channels of the picture.
+    pub channels: usize,
+    /// Rows and columns of the picture.
+    size: [usize; 2],
+    /// Rows and columns of zeros before the picture.
+    before: [usize; 2],
+    /// 2 where even and odd rows and columns are kept apart, else 1.
+    phases: usize,
+    /// Numbers from a row to the next.
+    pub row_stride: usize,
+    /// Numbers in the plane of one phase.
+    plane: usize,
+    /// Numbers from a channel to the next.
+    pub channel_stride: usize,
+}
+
+impl Planes {
+    /// Planes whose phases have `rows` rows of `row_stride` numbers.
+    pub fn new(channels: usize, size: [usize; 2], before: [usize; 2], phases: usize, extent: [usize; 2]) -> Self {
+        let [rows, row_stride] = extent;
+        let plane = rows * row_stride;
+        // An odd number of cache lines between channels: powers of two would all fall into the same cache sets.
+        let channel_stride = ((phases * phases * plane).div_ceil(16) | 1) * 16;
+        Self { channels, size, before, phases, row_stride, plane, channel_stride }
+    }
+
+    /// Offset of the pixel `row`, `column` of the padded picture from the one at position 0.
+    pub fn offset(&self, row: usize, column: usize) -> usize {
+        let phase = (row % self.phases) * self.phases + column % self.phases;
+        phase * self.plane + (row / self.phases) * self.row_stride + column / self.phases
+    }
+
+    /// Numbers from a picture to the next.
+    pub fn picture_stride(&self) -> usize {
+        self.channels * self.channel_stride
+    }
+
+    /// Lays out `pictures`, `[batch, channels, height, width]`.
+    pub fn fill(&self, pictures: &[f32], planes: &mut Vec<f32>) {
+        let area = self.size[0] * self.size[1];
+        let count = pictures.len() / area.max(1);
+        planes.resize(count * self.channel_stride + SLACK, 0.0);
+        let channels = planes.par_chunks_mut(self.channel_stride).zip(pictures.par_chunks(area));
+        // A few thousand numbers are a sensible piece of work.
+        channels.with_min_len((1 << 14) / self.channel_stride + 1).for_each(|(planes, picture)| {
+            for (phase, plane) in planes.chunks_exact_mut(self.plane).take(self.phases * self.phases).enumerate() {
+                self.fill_phase([phase / self.phases, phase % self.phases], picture, plane);
+            }
+        });
+    }
+
+    fn fill_phase(&self, [phase_row, phase_column]: [usize; 2], picture: &[f32], plane: &mut [f32]) {
+        let [height, width] = self.size;
+        // The first column of the phase that lies inside the picture, and where that is.
+        let first = self.before[1].saturating_sub(phase_column).div_ceil(self.phases);
+        let start = (first * self.phases + phase_column) - self.before[1];
+        let count = width.saturating_sub(start).div_ceil(self.phases).min(self.row_stride - first);
+        for (row, line) in plane.chunks_exact_mut(self.row_stride).enumerate() {
+            let y = (row * self.phases + phase_row).checked_sub(self.before[0]).filter(|y| *y < height);
+            let Some(y) = y else {
+                line.fill(0.0);
+                continue;
+            };
+            let source = &picture[y * width..][..width];
+            line[..first].fill(0.0);
+            line[first + count..].fill(0.0);
+            let inside = &mut line[first..first + count];
+            if self.phases == 1 {
+                inside.copy_from_slice(&source[start..start + count]);
+            } else {
+                let pixels = source[start..].iter().step_by(self.phases);
+                inside.iter_mut().zip(pixels).for_each(|(to, from)| *to = *from);
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Our kernels beside Burn's own convolutions: values and gradients.
+
+use super::{Activation, activate, convolve, convolve_up};
+use crate::layers::{LayerFactory, Padding, crop};
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Distribution, Gradients, Tensor};
+use proptest::prelude::*;
+
+fn noise<const D: usize>(shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::random(shape, Distribution::Uniform(-1.0, 1.0), device)
+}
+
+/// Largest difference, relative to the largest value expected.
+fn error<const D: usize>(actual: Tensor<D>, expected: Tensor<D>) -> f32 {
+    assert_eq!(actual.dims(), expected.dims());
+    let largest = expected.clone().abs().max().into_scalar::<f32>().max(1e-3);
+    (actual - expected).abs().max().into_scalar::<f32>() / largest
+}
+
+/// Compares a layer's output and the gradients of its input, weight and bias.
+fn compare(
+    [input, weight]: [Tensor<4>; 2],
+    bias: Tensor<1>,
+    [ours, theirs]: [&dyn Fn(Tensor<4>) -> Tensor<4>; 2],
+) -> Result<(), TestCaseError> {
+    let input = input.require_grad();
+    let (actual, expected) = (ours(input.clone()), theirs(input.clone()));
+    // A weighted sum: every output pixel has a gradient of its own.
+    let weights = noise(expected.dims(), &input.device());
+    let gradients = |output: &Tensor<4>| (output.clone() * weights.clone()).sum().backward();
+    let (of_ours, of_theirs) = (gradients(&actual), gradients(&expected));
+    prop_assert!(error(actual, expected) < 1e-5);
+    let difference = |tensor: &Tensor<4>| {
+        let of = |gradients: &Gradients| tensor.grad(gradients).unwrap();
+        error(of(&of_ours), of(&of_theirs))
+    };
+    prop_assert!(difference(&input) < 1e-5);
+    prop_assert!(difference(&weight) < 1e-4);
+    let of = |gradients: &Gradients| bias.grad(gradients).unwrap();
+    prop_assert!(error(of(&of_ours), of(&of_theirs)) < 1e-4);
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn convolutions_are_those_of_burn(
+        channels in [1_usize..20, 1_usize..20],
+        kernel in prop::sample::select(vec![1_usize, 3, 5, 7]),
+        stride in 1_usize..3,
+        same in any::<bool>(),
+        relu in any::<bool>(),
+        size in [1_usize..20, 1_usize..40],
+        batch in 1_usize..4,
+    ) {
+        let device = Device::flex().autodiff();
+        let padding = if same { Padding::Same } else { Padding::Symmetric };
+        let layers = LayerFactory { padding, batch_norm: false, device: &device };
+        let mut layer = layers.conv(channels, kernel, stride);
+        layer.bias = Some(Param::from_tensor(noise([channels[1]], &device)));
+        let activation = if relu { Activation::Relu } else { Activation::None };
+        let input = noise([batch, channels[0], size[0], size[1]], &device);
+        let (weight, bias) = (layer.weight.val(), layer.bias.as_ref().unwrap().val());
+        compare([input, weight], bias, [
+            &|input| convolve(&layer, input, activation),
+            &|input| activate(layer.forward(input), activation),
+        ])?;
+    }
+
+    #[test]
+    fn up_convolutions_are_those_of_burn(
+        channels in [1_usize..20, 1_usize..20],
+        kernel in prop::sample::select(vec![3_usize, 4, 5, 7]),
+        same in any::<bool>(),
+        relu in any::<bool>(),
+        size in [1_usize..20, 1_usize..40],
+        batch in 1_usize..4,
+    ) {
+        let device = Device::flex().autodiff();
+        let padding = if same { Padding::Same } else { Padding::Symmetric };
+        let layers = LayerFactory { padding, batch_norm: false, device: &device };
+        let mut layer = layers.up_block(channels, kernel).conv;
+        layer.bias = Some(Param::from_tensor(noise([channels[1]], &device)));
+        let activation = if relu { Activation::Relu } else { Activation::None };
+        let small = size.map(|length| length.div_ceil(2));
+        let input = noise([batch, channels[0], small[0], small[1]], &device);
+        let (weight, bias) = (layer.weight.val(), layer.bias.as_ref().unwrap().val());
+        compare([input, weight], bias, [
+            &|input| convolve_up(&layer, input, size, activation),
+            &|input| activate(crop(layer.forward(input), size), activation),
+        ])?;
+    }
+}
+
+#[test]
+fn views_of_larger_tensors_are_read_correctly() {
+    let device = Device::flex();
+    let layers = LayerFactory { padding: Padding::Symmetric, batch_norm: false, device: &device };
+    let layer = layers.conv([3, 5], 3, 1).no_grad();
+    let picture = noise([2, 7, 9, 11], &device);
+    for view in [picture.clone().narrow(1, 2, 3), picture.narrow(0, 1, 1).narrow(1, 0, 3).swap_dims(2, 3)] {
+        let expected = layer.forward(view.clone());
+        assert!(error(convolve(&layer, view, Activation::None), expected) < 1e-5);
+    }
+}

@@ -1,0 +1,36 @@
+//! Pictures as the networks see them, in training and at work alike.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use endoscape_core::{Image, Size};
+
+/// The networks' range, [-1, 1], from 0 to 1.
+pub fn network_range(value: f32) -> f32 {
+    2.0 * value - 1.0
+}
+
+/// One picture as a tensor.
+///
+/// # Shapes
+/// - returns: `[1, 3, height, width]`, RGB in [-1, 1]
+pub fn network_input(image: &Image, device: &Device) -> Tensor<4> {
+    let plane = |channel: usize| image.rgb().iter().skip(channel).step_by(3);
+    let values = (0..3).flat_map(plane).map(|value| network_range(f32::from(*value) / 255.0));
+    let Size { width, height } = image.size();
+    Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, height, width]), device)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_follow_each_other_and_black_is_minus_one() {
+        let image = Image::from_fn(Size::new(2, 1), |x, _| if x == 0 { [0, 51, 255] } else { [255, 102, 0] });
+        let input = network_input(&image, &Device::flex());
+        assert_eq!(input.dims(), [1, 3, 1, 2]);
+        let values: Vec<f32> = input.into_data().iter().collect();
+        for (value, expected) in values.into_iter().zip([-1.0, 1.0, -0.6, -0.2, 1.0, -1.0]) {
+            assert!((value - expected).abs() < 1e-6, "{value} instead of {expected}");
+        }
+    }
+}

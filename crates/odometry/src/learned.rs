@@ -1,0 +1,417 @@
+//! [`LearnedOdometry`]: the networks as an [`Odometry`], [`LearnedDepth`]: the depth network as a [`DepthEstimator`].
+//!
+//! A frame's way through [`LearnedOdometry::track`]: resized as in training; looked at for flaws; its depth predicted;
+//! its motion against the anchor measured in a window ([`crate::history`]); compared with the anchor for the unit of
+//! length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants: the state has a bounded size,
+//! every frame gets a finite pose, and the same frames give the same poses.
+
+use crate::OdometryError;
+use crate::chain::{self, Motion};
+use crate::confidence::likeness;
+use crate::config::OdometryConfig;
+use crate::health::{Flaw, flaw_of};
+use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
+use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
+use crate::reproject::{LATTICE, Moved, Reprojector, bilinear};
+use crate::scale::{Scale, ratio};
+use burn::tensor::Device;
+use endoscape_core::{
+    Camera, DepthEstimator, DepthMap, Frame, Grid, Image, Mask, Observation, Odometry, Pose, Size, TrackError, Tracked,
+};
+use endoscape_frames::parallax::Thumbnail;
+use endoscape_frames::preprocess::resize;
+use endoscape_nets::Checkpoint;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const NAME: &str = "learned";
+
+/// Brightness of pixels that carry texture: above the black border of endoscopes, below highlights.
+const TEXTURED: std::ops::RangeInclusive<f32> = 12.0..=250.0;
+
+/// What a frame of low confidence is told with.
+const DOUBTFUL: &str = "the picture hardly fits the motion that was found, so the pose is doubtful";
+
+/// A picture that has moved by less than this share of the trained displacement has not moved as far as anybody can
+/// tell: half a pixel of the thumbnail for the usual 0.02.
+const STILL: f64 = 0.25;
+
+/// Depth of single frames.
+pub struct LearnedDepth {
+    network: Box<dyn DepthModel>,
+    size: Size,
+}
+
+impl LearnedDepth {
+    /// Takes the depth network of a checkpoint on `device`; pictures are brought to `size` for it.
+    ///
+    /// # Errors
+    /// [`OdometryError::Incomplete`] without a depth network.
+    pub fn new(checkpoint: &Checkpoint, size: Size, device: &Device) -> Result<Self, OdometryError> {
+        Ok(Self { network: Box::new(DepthNetwork::new(checkpoint.disp.clone(), device)?), size })
+    }
+
+    /// Depth of a picture at the networks' size, in their unit.
+    ///
+    /// # Errors
+    /// [`OdometryError::Frames`] for a picture without pixels.
+    pub fn depth(&self, image: &Image) -> Result<DepthMap, OdometryError> {
+        Ok(self.network.depth(&resize::image(image, self.size)?))
+    }
+}
+
+impl DepthEstimator for LearnedDepth {
+    fn estimate_depth(&mut self, frame: &Frame) -> Result<DepthMap, TrackError> {
+        let unsuitable = |reason| TrackError::Unsuitable { method: NAME, index: frame.index, reason };
+        let depth = self.depth(&frame.image).map_err(|error| unsuitable(error.to_string()))?;
+        Ok(enlarged(&depth, frame.image.size()))
+    }
+}
+
+/// A dense depth map at another size, bilinear, edges to edges.
+fn enlarged(depth: &DepthMap, size: Size) -> DepthMap {
+    let old = depth.size();
+    let place = |at: usize, new: usize, old: usize| (at as f64 + 0.5) * old as f64 / new as f64 - 0.5;
+    DepthMap::new(Grid::from_fn(size, |x, y| {
+        let at = nalgebra::Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
+        bilinear(depth.grid(), &at).map_or(DepthMap::UNKNOWN, |value| value as f32)
+    }))
+}
+
+/// Poses and depth of the frames of one stream, in time order.
+pub struct LearnedOdometry {
+    depth: LearnedDepth,
+    motion: Box<dyn MotionModel>,
+    config: OdometryConfig,
+    lens: Option<Lens>,
+    history: Option<History>,
+    path: Motion,
+    /// Frames seen, usable or not.
+    position: usize,
+    /// Agreement of the forward and backward estimate of the anchor's pose.
+    agreement: f64,
+    /// Brightness of the frame before, and what was said about it, for pictures that repeat.
+    before: Option<(Grid<f32>, Tracked)>,
+    clock: StageClock,
+}
+
+/// The camera at the networks' size.
+#[derive(Debug)]
+struct Lens {
+    camera: Arc<Camera>,
+    /// For comparing.
+    lattice: Reprojector,
+    /// For maps.
+    dense: Reprojector,
+}
+
+/// The frame under work.
+struct Present {
+    position: usize,
+    image: Arc<Image>,
+    luma: Arc<Grid<f32>>,
+    thumbnail: Thumbnail,
+    depth: Arc<Grid<f32>>,
+}
+
+/// What comparing the frame with its anchor says.
+struct Comparison {
+    scale: Scale,
+    likeness: f64,
+    reliability: Option<Grid<f32>>,
+}
+
+impl LearnedOdometry {
+    /// Takes both networks of a checkpoint on `device`.
+    ///
+    /// # Errors
+    /// [`OdometryError`] for an impossible configuration or a missing network.
+    pub fn new(checkpoint: Checkpoint, config: OdometryConfig, device: &Device) -> Result<Self, OdometryError> {
+        let depth = DepthNetwork::new(checkpoint.disp, device)?;
+        let motion = MotionNetwork::new(checkpoint.pose, device)?;
+        Self::from_models(Box::new(depth), Box::new(motion), config)
+    }
+
+    /// Takes any two models.
+    ///
+    /// # Errors
+    /// [`OdometryError::Setting`] for an impossible configuration.
+    pub fn from_models(
+        depth: Box<dyn DepthModel>,
+        motion: Box<dyn MotionModel>,
+        config: OdometryConfig,
+    ) -> Result<Self, OdometryError> {
+        config.validate()?;
+        Ok(Self {
+            depth: LearnedDepth { network: depth, size: config.size },
+            motion,
+            config,
+            lens: None,
+            history: None,
+            path: Motion::default(),
+            position: 0,
+            agreement: 1.0,
+            before: None,
+            clock: StageClock::default(),
+        })
+    }
+
+    fn frame(&mut self, frame: &Frame) -> Result<Tracked, OdometryError> {
+        let image = Arc::new(resize::image(&frame.image, self.config.size)?);
+        self.see_through(frame.camera.as_ref())?;
+        let luma = image.luma();
+        let flaw = flaw_of(&luma, self.before.as_ref().map(|(luma, _)| luma));
+        self.clock.lap("preprocess");
+        let tracked = match flaw {
+            Some(flaw) => self.without_sight(flaw),
+            None => self.with_sight(image, luma.clone()),
+        };
+        self.position += 1;
+        self.before = Some((luma, tracked.clone()));
+        Ok(tracked)
+    }
+
+    /// Prepares for a camera, unless it is the one of the frame before.
+    fn see_through(&mut self, camera: Option<&Arc<Camera>>) -> Result<(), OdometryError> {
+        let known = self.lens.as_ref().map(|lens| &lens.camera);
+        if known == camera {
+            return Ok(());
+        }
+        let lens = |camera: &Arc<Camera>| {
+            let reprojector = |count| Reprojector::new(camera, self.config.size, count);
+            Ok(Lens { camera: camera.clone(), lattice: reprojector(LATTICE)?, dense: reprojector(usize::MAX)? })
+        };
+        let impossible = |error: endoscape_core::CameraError| TrackError::Unsuitable {
+            method: NAME,
+            index: self.position,
+            reason: error.to_string(),
+        };
+        self.lens = camera.map(lens).transpose().map_err(impossible)?;
+        Ok(())
+    }
+
+    /// A repeated picture repeats the answer, any other flawed one leaves only a guess.
+    fn without_sight(&mut self, flaw: Flaw) -> Tracked {
+        let repeated = self.before.as_ref().filter(|_| flaw == Flaw::Frozen).map(|(_, tracked)| tracked.clone());
+        let (depth, reliability) = repeated.map_or((None, None), |tracked| (tracked.depth, tracked.reliability));
+        let pose = if flaw == Flaw::Frozen { self.path.pose() } else { self.path.coast() };
+        Tracked { world_from_camera: Some(pose), confidence: 0.0, depth, reliability, warning: Some(flaw.to_string()) }
+    }
+
+    fn with_sight(&mut self, image: Arc<Image>, luma: Grid<f32>) -> Tracked {
+        let thumbnail = Thumbnail::new(&image, &Mask::filled(image.size(), true));
+        let depth = self.depth.network.depth(&image);
+        self.clock.lap("depth");
+        let depth = Arc::new(depth.into_grid());
+        let present = Present { position: self.position, image, luma: Arc::new(luma), thumbnail, depth };
+        match self.history.take() {
+            None => self.begin(&present),
+            Some(history) => self.follow(history, &present),
+        }
+    }
+
+    /// The first usable frame has the latest known pose; usually it is the first of all and makes the world.
+    fn begin(&mut self, present: &Present) -> Tracked {
+        let view = present.view(self.path.pose());
+        let keyframe = present.keyframe(view, Scale::default());
+        let OdometryConfig { fixed_gap, least_displacement, .. } = self.config;
+        let side = self.motion.side();
+        self.history = Some(History::new(keyframe, Spacing { side, fixed_gap, least_displacement }));
+        // Nothing but the frame itself is there to fill a window with; only the reliability of its pixels is used.
+        let motions = self.motion.motions(&present.image, &vec![present.image.as_ref(); 2 * side]);
+        self.clock.lap("motion");
+        Tracked {
+            world_from_camera: Some(self.path.pose()),
+            confidence: 1.0,
+            depth: Some(DepthMap::new(present.depth.as_ref().clone())),
+            reliability: motions.reliability,
+            warning: None,
+        }
+    }
+
+    fn follow(&mut self, mut history: History, present: &Present) -> Tracked {
+        let distance = history.distance(&present.thumbnail, present.position);
+        if distance == Distance::Far {
+            history.advance();
+        }
+        let window = history.window(present.position, &present.image);
+        let sources: Vec<&Image> = window.sources.iter().map(Arc::as_ref).collect();
+        let motions = self.motion.motions(&window.target, &sources);
+        self.clock.lap("motion");
+        if !motions.source_from_target.iter().all(chain::is_finite) {
+            self.history = Some(history);
+            return self.without_answer();
+        }
+        if distance == Distance::Far {
+            self.look_back(&mut history, &window, &motions);
+        }
+        let frame_from_anchor = self.frame_from_anchor(&history, distance, &motions);
+        let tracked = self.place(&mut history, present, distance, (frame_from_anchor, motions.reliability.as_ref()));
+        self.clock.lap("scale");
+        self.history = Some(history);
+        tracked
+    }
+
+    /// The networks gave numbers that are none.
+    fn without_answer(&mut self) -> Tracked {
+        Tracked {
+            world_from_camera: Some(self.path.coast()),
+            confidence: 0.0,
+            depth: None,
+            reliability: None,
+            warning: Some("the motion network gave no finite motion, so the pose is a prediction".into()),
+        }
+    }
+
+    /// Combines the forward estimate of a new anchor's pose with the backward one of its first window.
+    fn look_back(&mut self, history: &mut History, window: &Window, motions: &Motions) {
+        let Some((world_from_first, first_from_anchor)) =
+            window.world_from_first.zip(motions.source_from_target.first())
+        else {
+            return;
+        };
+        let forward = world_from_first.inverse() * history.anchor().view.world_from_camera;
+        let backward = chain::scaled(first_from_anchor, history.anchor().scale.factor());
+        self.agreement = chain::agreement(&forward, &backward);
+        history.correct_anchor(world_from_first * chain::midway(&forward, &backward));
+    }
+
+    /// The motion from the anchor, in the unit of the anchor's depth.
+    fn frame_from_anchor(&self, history: &History, distance: Distance, motions: &Motions) -> Pose {
+        let still = STILL * self.config.least_displacement;
+        match distance {
+            // Training has shown the network no still pictures, so that it would see a motion in them.
+            Distance::Near(Some(moved)) if history.is_beginning() && moved < still => Pose::identity(),
+            _ => motions.source_from_target.last().copied().unwrap_or_else(Pose::identity),
+        }
+    }
+
+    /// Chains the motion and remembers the frame.
+    fn place(
+        &mut self,
+        history: &mut History,
+        present: &Present,
+        distance: Distance,
+        (frame_from_anchor, mask): (Pose, Option<&Grid<f32>>),
+    ) -> Tracked {
+        let anchor = history.anchor();
+        let Comparison { scale, likeness, reliability } = self.compare(anchor, present, &frame_from_anchor, mask);
+        let anchor_from_frame = chain::scaled(&frame_from_anchor, anchor.scale.factor()).inverse();
+        let world_from_camera = anchor.view.world_from_camera * anchor_from_frame;
+        self.path.arrive(world_from_camera);
+        let view = present.view(world_from_camera);
+        let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale));
+        history.remember(view, keyframe);
+        let confidence = likeness * self.agreement;
+        Tracked {
+            world_from_camera: Some(world_from_camera),
+            confidence,
+            depth: Some(DepthMap::new(present.depth.map(|depth| depth * scale.factor() as f32))),
+            reliability,
+            warning: (confidence < self.config.lost_below).then(|| DOUBTFUL.to_owned()),
+        }
+    }
+
+    /// Compares the frame with its anchor. Without a camera nothing can be compared, and reliability stays where the
+    /// anchor sees it.
+    fn compare(
+        &self,
+        anchor: &Keyframe,
+        present: &Present,
+        frame_from_anchor: &Pose,
+        mask: Option<&Grid<f32>>,
+    ) -> Comparison {
+        let memory = self.config.scale_memory;
+        let Some(lens) = &self.lens else {
+            return Comparison { scale: anchor.scale.next(None, memory), likeness: 1.0, reliability: mask.cloned() };
+        };
+        let moved = lens.lattice.reproject(&anchor.depth, frame_from_anchor);
+        let textured = |pixel: usize| anchor.luma.values().get(pixel).is_some_and(|luma| TEXTURED.contains(luma));
+        let least = mask.map_or(0.0, mean);
+        let reliable = |pixel: usize| mask.is_none_or(|mask| mask.values().get(pixel).is_some_and(|m| *m >= least));
+        let compared = lens.lattice.pixels().filter(|pixel| textured(*pixel)).count();
+        let ratio = ratio(&moved, &present.depth, |pixel| textured(pixel) && reliable(pixel), compared);
+        Comparison {
+            scale: anchor.scale.next(ratio, memory),
+            likeness: likeness(&moved, &anchor.luma, &present.luma, textured, compared),
+            reliability: mask.map(|mask| carried_over(mask, lens, &present.depth, frame_from_anchor, ratio)),
+        }
+    }
+}
+
+/// The anchor's reliability as the frame sees it: each pixel of the frame takes the value of the place it shows; 0 where
+/// the anchor does not show it.
+fn carried_over(
+    mask: &Grid<f32>,
+    lens: &Lens,
+    depth: &Grid<f32>,
+    frame_from_anchor: &Pose,
+    ratio: Option<f64>,
+) -> Grid<f32> {
+    let ratio = ratio.unwrap_or(1.0);
+    // In the unit of the frame's depth, which is `ratio` times larger than the anchor's.
+    let anchor_from_frame = chain::scaled(&frame_from_anchor.inverse(), 1.0 / ratio);
+    let mut reliability = Grid::filled(depth.size(), 0.0);
+    for Moved { from, to, .. } in lens.dense.reproject(depth, &anchor_from_frame) {
+        reliability.values_mut()[from] = bilinear(mask, &to).unwrap_or(0.0) as f32;
+    }
+    reliability
+}
+
+fn mean(grid: &Grid<f32>) -> f32 {
+    grid.values().iter().sum::<f32>() / grid.size().area().max(1) as f32
+}
+
+impl Present {
+    fn view(&self, world_from_camera: Pose) -> View {
+        View { position: self.position, image: self.image.clone(), world_from_camera }
+    }
+
+    fn keyframe(&self, view: View, scale: Scale) -> Keyframe {
+        Keyframe::new(view, self.luma.clone(), self.thumbnail.clone(), self.depth.clone(), scale)
+    }
+}
+
+impl Odometry for LearnedOdometry {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
+        self.clock.restart();
+        let index = self.position;
+        let unsuitable = |reason: String| TrackError::Unsuitable { method: NAME, index, reason };
+        let Observation::Frame(frame) = observation else {
+            return Err(unsuitable("it is no picture; give a video".into()));
+        };
+        self.frame(frame).map_err(|error| match error {
+            OdometryError::Track(error) => error,
+            other => unsuitable(other.to_string()),
+        })
+    }
+
+    fn stage_times(&self) -> &[(&'static str, Duration)] {
+        &self.clock.laps
+    }
+}
+
+/// Time of each stage of one frame.
+#[derive(Debug, Default)]
+struct StageClock {
+    laps: Vec<(&'static str, Duration)>,
+    last: Option<Instant>,
+}
+
+impl StageClock {
+    fn restart(&mut self) {
+        self.laps.clear();
+        self.last = Some(Instant::now());
+    }
+
+    /// Ends the stage `name`.
+    fn lap(&mut self, name: &'static str) {
+        let now = Instant::now();
+        self.laps.push((name, self.last.map_or(Duration::ZERO, |last| now - last)));
+        self.last = Some(now);
+    }
+}

@@ -1,0 +1,220 @@
+//! With models that know the truth the trajectory is the truth: conventions, chaining, windows and scale hold together.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
+use endoscape_core::{Camera, DepthMap, Frame, Grid, Image, Observation, Odometry, Pose, Size, Tracked, se3};
+use endoscape_odometry::networks::{DepthModel, MotionModel, Motions};
+use endoscape_odometry::{LearnedOdometry, OdometryConfig};
+use nalgebra::{Point2, Vector3, Vector6};
+use std::sync::Arc;
+
+const SIZE: Size = Size::new(96, 64);
+
+/// A painted wall, slanted and wavy-coloured, seen along a known path; the models' unit changes from frame to frame.
+struct World {
+    camera: Camera,
+    poses: Vec<Pose>,
+    images: Vec<Image>,
+    depths: Vec<DepthMap>,
+    /// Length of the models' unit at each frame.
+    units: Vec<f64>,
+    /// Stretches what the motion model says, forward and backward alike.
+    bias: f64,
+}
+
+impl World {
+    fn new(count: usize, step: f64, unit: impl Fn(usize) -> f64) -> Self {
+        let camera = Camera::from_field_of_view(SIZE, 80_f64.to_radians()).unwrap();
+        let pose = |index: usize| {
+            let time = step * index as f64;
+            let twist = [0.5 * time, 0.1 * (2.0 * time).sin(), 0.2 * time, 0.02 * time, -0.05 * time, 0.1 * time.sin()];
+            se3::exp(&Vector6::from(twist))
+        };
+        let poses: Vec<Pose> = (0..count).map(pose).collect();
+        let views: Vec<_> = poses.iter().map(|pose| render(&camera, pose)).collect();
+        let (images, depths) = views.into_iter().unzip();
+        Self { camera, poses, images, depths, units: (0..count).map(unit).collect(), bias: 1.0 }
+    }
+
+    fn index(&self, image: &Image) -> usize {
+        self.images.iter().position(|known| known == image).unwrap()
+    }
+
+    /// The truth in the unit of the first frame.
+    fn expected(&self, index: usize) -> Pose {
+        let mut pose = self.poses[0].inverse() * self.poses[index];
+        pose.translation.vector /= self.units[0];
+        pose
+    }
+}
+
+/// Where rays meet the wall `z = 2 + x / 4`, its colours there, and the depth along the axis.
+fn render(camera: &Camera, world_from_camera: &Pose) -> (Image, DepthMap) {
+    let normal = Vector3::new(-0.25, 0.0, 1.0);
+    let hit = |x: usize, y: usize| {
+        let ray = camera.unproject(&Point2::new(x as f64, y as f64)).unwrap();
+        let (origin, direction) = (world_from_camera.translation.vector, world_from_camera.rotation * ray);
+        let length = (2.0 - normal.dot(&origin)) / normal.dot(&direction);
+        (origin + direction * length, (length * ray.z) as f32)
+    };
+    let colour = |p: Vector3<f64>| {
+        let wave = |a: f64, b: f64, phase: f64| (a * p.x + b * p.y + phase).sin();
+        let sum = wave(7.1, 3.7, 0.3) + wave(-4.9, 8.3, 1.1) + wave(11.3, -9.1, 2.0) + wave(2.3, 5.1, 0.7);
+        (127.0 + 28.0 * sum) as u8
+    };
+    (Image::from_fn(SIZE, |x, y| [colour(hit(x, y).0); 3]), DepthMap::new(Grid::from_fn(SIZE, |x, y| hit(x, y).1)))
+}
+
+struct TrueDepth(Arc<World>);
+
+impl DepthModel for TrueDepth {
+    fn depth(&self, image: &Image) -> DepthMap {
+        let index = self.0.index(image);
+        self.0.depths[index].scaled((1.0 / self.0.units[index]) as f32)
+    }
+}
+
+struct TrueMotion {
+    world: Arc<World>,
+    side: usize,
+}
+
+impl MotionModel for TrueMotion {
+    fn side(&self) -> usize {
+        self.side
+    }
+
+    fn motions(&self, target: &Image, sources: &[&Image]) -> Motions {
+        assert_eq!(sources.len(), 2 * self.side);
+        let World { poses, units, bias, .. } = self.world.as_ref();
+        let target = self.world.index(target);
+        let motion = |source: &&Image| {
+            let source = self.world.index(source);
+            let truth = poses[source].inverse() * poses[target];
+            let mut motion = se3::exp(&(se3::log(&truth) * if source > target { *bias } else { 2.0 - bias }));
+            motion.translation.vector /= units[target];
+            motion
+        };
+        let reliability = Some(Grid::from_fn(SIZE, |x, _| x as f32 / SIZE.width as f32));
+        Motions { source_from_target: sources.iter().map(motion).collect(), reliability }
+    }
+}
+
+fn config(fixed_gap: usize) -> OdometryConfig {
+    let least_displacement = 0.02;
+    OdometryConfig { size: SIZE, fixed_gap, least_displacement, scale_memory: 1.0, lost_below: 0.1 }
+}
+
+fn odometry(world: &Arc<World>, side: usize, fixed_gap: usize) -> LearnedOdometry {
+    let motion = TrueMotion { world: world.clone(), side };
+    LearnedOdometry::from_models(Box::new(TrueDepth(world.clone())), Box::new(motion), config(fixed_gap)).unwrap()
+}
+
+fn frame(index: usize, image: Image, camera: Option<Camera>) -> Observation {
+    let time_s = index as f64;
+    Observation::Frame(Frame { index, time_s, image: Arc::new(image), camera: camera.map(Arc::new), usable: None })
+}
+
+fn track_all(world: &Arc<World>, odometry: &mut LearnedOdometry, camera: Option<Camera>) -> Vec<Tracked> {
+    let images = world.images.iter().enumerate();
+    images.map(|(index, image)| odometry.track(&frame(index, image.clone(), camera)).unwrap()).collect()
+}
+
+/// Largest difference of positions, as a share of the path's length, and of rotations, radians.
+fn errors(world: &World, tracked: &[Tracked]) -> (f64, f64) {
+    let length: f64 = (1..world.poses.len())
+        .map(|i| (world.expected(i).translation.vector - world.expected(i - 1).translation.vector).norm())
+        .sum();
+    let pairs = tracked.iter().enumerate().map(|(index, tracked)| {
+        let difference = world.expected(index).inverse() * tracked.world_from_camera.unwrap();
+        (difference.translation.vector.norm() / length, difference.rotation.angle())
+    });
+    pairs.fold((0.0, 0.0), |(a, b), (c, d)| (f64::max(a, c), f64::max(b, d)))
+}
+
+#[test]
+fn the_truth_comes_out_whatever_window_and_gap() {
+    let world = Arc::new(World::new(40, 0.02, |_| 0.7));
+    for (side, fixed_gap) in [(1, 1), (1, 3), (1, 0), (2, 1), (2, 2), (3, 1), (2, 0)] {
+        let tracked = track_all(&world, &mut odometry(&world, side, fixed_gap), Some(world.camera));
+        let (position, rotation) = errors(&world, &tracked);
+        // Frames that have moved by less than half a pixel stand still: here one frame, a fortieth of the path.
+        let tolerance = if fixed_gap > 0 { 5e-3 } else { 0.05 };
+        assert!(position < tolerance && rotation < 0.1 * tolerance, "{side}, {fixed_gap}: {position}, {rotation}");
+        assert!(tracked.iter().all(|frame| frame.confidence > 0.8 && frame.warning.is_none()));
+    }
+}
+
+#[test]
+fn a_unit_that_drifts_and_jumps_is_straightened_out() {
+    let wander = |index: usize| {
+        0.5 * (1.0 + 0.5 * (0.2 * index as f64).sin()) * if index.is_multiple_of(3) { 1.15 } else { 1.0 }
+    };
+    let world = Arc::new(World::new(40, 0.02, wander));
+    let tracked = track_all(&world, &mut odometry(&world, 1, 1), Some(world.camera));
+    let (position, rotation) = errors(&world, &tracked);
+    assert!(position < 0.02 && rotation < 1e-6, "{position}, {rotation}");
+    for (index, tracked) in tracked.iter().enumerate() {
+        let (depth, truth) = (tracked.depth.as_ref().unwrap(), &world.depths[index]);
+        let ratio = f64::from(depth.median_m().unwrap() / truth.median_m().unwrap()) * world.units[0];
+        assert!((ratio - 1.0).abs() < 0.03, "frame {index}: {ratio}");
+    }
+    // Without a camera nothing can be compared, so the wandering unit shows.
+    let (uncorrected, _) = errors(&world, &track_all(&world, &mut odometry(&world, 1, 1), None));
+    assert!(uncorrected > 3.0 * position, "{uncorrected}");
+}
+
+#[test]
+fn opposite_biases_of_both_directions_cancel() {
+    let straight = World::new(30, 0.02, |_| 1.0);
+    let world = Arc::new(World { bias: 1.2, ..straight });
+    let tracked = track_all(&world, &mut odometry(&world, 1, 1), Some(world.camera));
+    let (position, _) = errors(&world, &tracked);
+    // Only the latest link, a thirtieth of the path, is not yet corrected.
+    assert!(position < 0.2 * 2.0 / 29.0, "{position}");
+    assert!(tracked[10].confidence < 0.95);
+}
+
+#[test]
+fn spoilt_frames_are_bridged() {
+    let world = Arc::new(World::new(30, 0.02, |_| 1.0));
+    let mut odometry = odometry(&world, 1, 1);
+    let flat = |value: u8| Image::from_fn(SIZE, |_, _| [value; 3]);
+    for (index, image) in world.images.iter().enumerate() {
+        let spoilt = match index {
+            0 | 10 | 11 => Some(flat(0)),
+            15 => Some(flat(255)),
+            20 => Some(flat(90)),
+            _ => None,
+        };
+        let shown = spoilt.clone().unwrap_or_else(|| image.clone());
+        let tracked = odometry.track(&frame(index, shown, Some(world.camera))).unwrap();
+        let pose = tracked.world_from_camera.unwrap();
+        assert!(pose.translation.vector.iter().all(|value| value.is_finite()));
+        assert_eq!((tracked.confidence < 0.1, tracked.warning.is_some()), (spoilt.is_some(), spoilt.is_some()));
+        if index > 0 {
+            let expected = world.poses[1].inverse() * world.poses[index];
+            let off = (expected.translation.vector - pose.translation.vector).norm();
+            assert!(off < 0.01, "frame {index} is off by {off}");
+        }
+    }
+}
+
+#[test]
+fn other_sizes_cameras_and_observations_are_taken_or_refused() {
+    let world = Arc::new(World::new(3, 0.02, |_| 1.0));
+    let mut odometry = odometry(&world, 1, 1);
+    let reading = endoscape_core::MagneticReading { index: 0, time_s: 0.0, field_tesla: Vec::new() };
+    let sentence = odometry.track(&Observation::Magnetic(reading)).unwrap_err().to_string();
+    assert!(sentence.contains("it is no picture"), "{sentence}");
+    let empty = Image::from_fn(Size::new(0, 0), |_, _| [0; 3]);
+    assert!(odometry.track(&frame(0, empty, None)).is_err());
+    assert!(odometry.track(&frame(0, world.images[0].clone(), None)).is_ok());
+    assert_eq!(odometry.name(), "learned");
+    assert!(odometry.stage_times().iter().any(|(stage, _)| *stage == "depth"));
+}
