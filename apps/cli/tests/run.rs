@@ -74,7 +74,7 @@ fn a_model_runs_and_its_results_can_be_evaluated() {
         assert!(p50 <= max && max > 0.0, "{stage}");
     }
     assert!(summary["depth"]["unit_per_step"].as_f64().unwrap() > 0.0);
-    assert_eq!(summary["depth"]["camera"]["width"], 64);
+    assert_eq!(summary["depth"]["camera"]["height"], 51);
     assert_complete(&out, FRAMES);
     assert_eq!((files(&out, "depth"), files(&out, "reliability")), (FRAMES, FRAMES));
     let written: Value = serde_json::from_slice(&fs::read(format!("{out}/run.json")).unwrap()).unwrap();

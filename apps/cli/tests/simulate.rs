@@ -17,7 +17,18 @@ fn a_simulated_patient_is_a_consistent_sequence() {
     let out = folder.path().join("patient");
     let out = out.to_str().unwrap();
     let effects = "default,no-peristalsis,no-breathing,no-contraction";
-    let said = succeed(&["simulate", out, "--anatomy", "small-bowel", "--frames", "4", "--size", "96x96", "--effects", effects]);
+    let said = succeed(&[
+        "simulate",
+        out,
+        "--anatomy",
+        "small-bowel",
+        "--frames",
+        "4",
+        "--size",
+        "96x96",
+        "--effects",
+        effects,
+    ]);
     assert!(said.contains("4 frames of 96x96"), "{said}");
     let found = json(&["inspect", out, "--json"]);
     assert_eq!((&found["frames"], &found["has_depth"], &found["has_poses"]), (&4.into(), &true.into(), &true.into()));

@@ -77,20 +77,22 @@ pub struct Lines {
 }
 
 /// Adds `sum_{row, column} gradients[row][column][m] * source[row * row_stride + column * column_stride + j]` to
-/// `sums[m][j]`.
+/// `sums[m][j]`, which are passed by value because they are to stay in registers.
 #[inline(always)]
 pub fn add_outer<S: Simd, const M: usize, const N: usize>(
     simd: S,
-    sums: &mut Sums<S, M, N>,
+    before: Sums<S, M, N>,
     source: &[f32],
     lines: Lines,
     gradients: &[[f32; M]],
-) {
+) -> Sums<S, M, N> {
+    let mut sums = before;
     for (row, gradients) in gradients.chunks_exact(lines.columns).take(lines.rows).enumerate() {
         let line = &source[row * lines.row_stride..];
         for (column, gradients) in gradients.iter().enumerate() {
             let vectors = load(simd, line, column * lines.column_stride);
-            add_products(simd, sums, gradients, vectors);
+            add_products(simd, &mut sums, gradients, vectors);
         }
     }
+    sums
 }

@@ -283,7 +283,7 @@ impl Panels<'_> {
             for piece in self.window {
                 let (of_piece, rest) = gradients.split_at(piece.rows.len() * self.work.geometry.small[1]);
                 let (source, lines) = self.work.lines(piece, kernel_row, place);
-                tile::add_outer::<S, M, N>(simd, &mut added, source, lines, of_piece);
+                added = tile::add_outer::<S, M, N>(simd, added, source, lines, of_piece);
                 gradients = rest;
             }
             let channels = sums.chunks_exact_mut(self.work.of_a_channel());

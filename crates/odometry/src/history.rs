@@ -15,8 +15,8 @@
 //! - For windows of more than three frames the others lie evenly between B, A and F.
 //!
 //! No frame waits for a later one: the newest is the last source. Where every frame is far (gap 1) this is the plain
-//! sliding window. When L becomes the anchor, its window looks back as well: the motion to B, whose pose is known, is a
-//! second, backward estimate of the anchor's pose.
+//! sliding window. When L becomes the anchor, B of its first window is the keyframe that L was measured against, about
+//! as far before it as F is after: the motion to B is a second, backward estimate of the very link that placed L.
 //!
 //! Memory: two keyframes and the last [`REMEMBERED`] frames before each.
 
@@ -58,6 +58,8 @@ pub struct Keyframe {
     pub scale: Scale,
     /// Frames before it, oldest first.
     before: Vec<View>,
+    /// The keyframe it was measured against.
+    previous: Option<View>,
 }
 
 /// How far the picture has moved since the latest keyframe.
@@ -87,8 +89,8 @@ pub struct Window {
     pub target: Arc<Image>,
     /// In time order; the last is the newest frame.
     pub sources: Vec<Arc<Image>>,
-    /// Pose of the first source; `None` where the anchor itself stands in for a frame that does not exist.
-    pub world_from_first: Option<Pose>,
+    /// Pose of the first source, where that is the keyframe that the anchor was measured against.
+    pub world_from_previous: Option<Pose>,
 }
 
 /// What is remembered of the stream.
@@ -111,7 +113,7 @@ impl Keyframe {
         depth: Arc<Grid<f32>>,
         scale: Scale,
     ) -> Self {
-        Self { view, luma, thumbnail, depth, scale, before: Vec::new() }
+        Self { view, luma, thumbnail, depth, scale, before: Vec::new(), previous: None }
     }
 }
 
@@ -157,20 +159,23 @@ impl History {
         self.anchor = self.latest.clone();
     }
 
-    /// The window of a frame that has just come.
-    pub fn window(&self, position: usize, image: &Arc<Image>) -> Window {
-        let Keyframe { view: anchor, before, .. } = &self.anchor;
+    /// The window of a frame that has just come; `looks_back` if it is the first one of its anchor.
+    pub fn window(&self, position: usize, image: &Arc<Image>, looks_back: bool) -> Window {
+        let Keyframe { view: anchor, before, previous, .. } = &self.anchor;
+        let previous = previous.as_ref().filter(|_| looks_back);
         let (span, side) = (position.saturating_sub(anchor.position), self.spacing.side.max(1));
         let place = |step: usize| (span * step).div_ceil(side);
         let earlier = |step: usize| nearest(before.iter(), anchor.position.saturating_sub(place(step)));
         let later = |step: usize| nearest(self.recent.iter(), anchor.position + place(step));
+        // At the beginning the anchor itself stands in for frames that do not exist.
         let picture = |view: Option<&View>| view.unwrap_or(anchor).image.clone();
-        let earlier_sources = (1..=side).rev().map(|step| picture(earlier(step)));
+        let first = picture(previous.or_else(|| earlier(side)));
+        let earlier_sources = std::iter::once(first).chain((1..side).rev().map(|step| picture(earlier(step))));
         let later_sources = (1..side).map(|step| picture(later(step)));
         Window {
             target: anchor.image.clone(),
             sources: earlier_sources.chain(later_sources).chain([image.clone()]).collect(),
-            world_from_first: earlier(side).map(|view| view.world_from_camera),
+            world_from_previous: previous.map(|view| view.world_from_camera),
         }
     }
 
@@ -178,7 +183,8 @@ impl History {
     pub fn remember(&mut self, view: View, keyframe: Option<Keyframe>) {
         if let Some(keyframe) = keyframe {
             self.usual_gap = keyframe.view.position.saturating_sub(self.latest.view.position).max(1);
-            self.latest = Keyframe { before: self.recent.iter().cloned().collect(), ..keyframe };
+            let (before, previous) = (self.recent.iter().cloned().collect(), Some(self.anchor.view.clone()));
+            self.latest = Keyframe { before, previous, ..keyframe };
         }
         if self.recent.len() == REMEMBERED {
             self.recent.pop_front();

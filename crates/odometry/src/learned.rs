@@ -21,6 +21,7 @@ use endoscape_core::{
 use endoscape_frames::parallax::Thumbnail;
 use endoscape_frames::preprocess::resize;
 use endoscape_nets::Checkpoint;
+use nalgebra::Point2;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -28,6 +29,9 @@ const NAME: &str = "learned";
 
 /// Brightness of pixels that carry texture: above the black border of endoscopes, below highlights.
 const TEXTURED: std::ops::RangeInclusive<f32> = 12.0..=250.0;
+
+/// Pictures whose aspect ratios differ by less have one shape: what rounding to whole pixels makes of small ones.
+const SAME_SHAPE: f64 = 0.01;
 
 /// What a frame of low confidence is told with.
 const DOUBTFUL: &str = "the picture hardly fits the motion that was found, so the pose is doubtful";
@@ -51,31 +55,44 @@ impl LearnedDepth {
         Ok(Self { network: Box::new(DepthNetwork::new(checkpoint.disp.clone(), device)?), size })
     }
 
-    /// Depth of a picture at the networks' size, in their unit.
+    /// Depth of a picture in the networks' unit, at about their size but of the picture's shape.
     ///
     /// # Errors
     /// [`OdometryError::Frames`] for a picture without pixels.
     pub fn depth(&self, image: &Image) -> Result<DepthMap, OdometryError> {
-        Ok(self.network.depth(&resize::image(image, self.size)?))
+        let depth = self.network.depth(&resize::image(image, self.size)?);
+        Ok(DepthMap::new(stretched(depth.grid(), map_size(image.size(), self.size))))
     }
+}
+
+/// Size of maps of pictures of `frame`: that of the networks, or as wide as theirs where they squeeze the picture.
+///
+/// A map of another shape than the picture would be of no use to a program that knows the picture alone.
+fn map_size(frame: Size, networks: Size) -> Size {
+    let height = (networks.width * frame.height) as f64 / frame.width.max(1) as f64;
+    let squeezed = (height / networks.height as f64 - 1.0).abs() > SAME_SHAPE;
+    if squeezed { Size::new(networks.width, (height.round() as usize).max(1)) } else { networks }
 }
 
 impl DepthEstimator for LearnedDepth {
     fn estimate_depth(&mut self, frame: &Frame) -> Result<DepthMap, TrackError> {
         let unsuitable = |reason| TrackError::Unsuitable { method: NAME, index: frame.index, reason };
         let depth = self.depth(&frame.image).map_err(|error| unsuitable(error.to_string()))?;
-        Ok(enlarged(&depth, frame.image.size()))
+        Ok(DepthMap::new(stretched(depth.grid(), frame.image.size())))
     }
 }
 
-/// A dense depth map at another size, bilinear, edges to edges.
-fn enlarged(depth: &DepthMap, size: Size) -> DepthMap {
-    let old = depth.size();
+/// A dense map at another size, bilinear, edges to edges.
+fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
+    let old = map.size();
+    if old == size {
+        return map.clone();
+    }
     let place = |at: usize, new: usize, old: usize| (at as f64 + 0.5) * old as f64 / new as f64 - 0.5;
-    DepthMap::new(Grid::from_fn(size, |x, y| {
-        let at = nalgebra::Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
-        bilinear(depth.grid(), &at).map_or(DepthMap::UNKNOWN, |value| value as f32)
-    }))
+    Grid::from_fn(size, |x, y| {
+        let at = Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
+        bilinear(map, &at).unwrap_or(0.0) as f32
+    })
 }
 
 /// Poses and depth of the frames of one stream, in time order.
@@ -162,10 +179,13 @@ impl LearnedOdometry {
         let luma = image.luma();
         let flaw = flaw_of(&luma, self.before.as_ref().map(|(luma, _)| luma));
         self.clock.lap("preprocess");
-        let tracked = match flaw {
+        let mut tracked = match flaw {
             Some(flaw) => self.without_sight(flaw),
             None => self.with_sight(image, luma.clone()),
         };
+        let size = map_size(frame.image.size(), self.config.size);
+        tracked.depth = tracked.depth.map(|depth| DepthMap::new(stretched(depth.grid(), size)));
+        tracked.reliability = tracked.reliability.map(|reliability| stretched(&reliability, size));
         self.position += 1;
         self.before = Some((luma, tracked.clone()));
         Ok(tracked)
@@ -234,7 +254,7 @@ impl LearnedOdometry {
         if distance == Distance::Far {
             history.advance();
         }
-        let window = history.window(present.position, &present.image);
+        let window = history.window(present.position, &present.image, distance == Distance::Far);
         let sources: Vec<&Image> = window.sources.iter().map(Arc::as_ref).collect();
         let motions = self.motion.motions(&window.target, &sources);
         self.clock.lap("motion");
@@ -242,9 +262,7 @@ impl LearnedOdometry {
             self.history = Some(history);
             return self.without_answer();
         }
-        if distance == Distance::Far {
-            self.look_back(&mut history, &window, &motions);
-        }
+        self.look_back(&mut history, &window, &motions);
         let frame_from_anchor = self.frame_from_anchor(&history, distance, &motions);
         let tracked = self.place(&mut history, present, distance, (frame_from_anchor, motions.reliability.as_ref()));
         self.clock.lap("scale");
@@ -263,17 +281,14 @@ impl LearnedOdometry {
         }
     }
 
-    /// Combines the forward estimate of a new anchor's pose with the backward one of its first window.
+    /// Combines the forward estimate that placed a new anchor with the backward one of its first window.
     fn look_back(&mut self, history: &mut History, window: &Window, motions: &Motions) {
-        let Some((world_from_first, first_from_anchor)) =
-            window.world_from_first.zip(motions.source_from_target.first())
-        else {
-            return;
-        };
-        let forward = world_from_first.inverse() * history.anchor().view.world_from_camera;
-        let backward = chain::scaled(first_from_anchor, history.anchor().scale.factor());
+        let previous = window.world_from_previous.zip(motions.source_from_target.first());
+        let Some((world_from_previous, previous_from_anchor)) = previous else { return };
+        let forward = world_from_previous.inverse() * history.anchor().view.world_from_camera;
+        let backward = chain::scaled(previous_from_anchor, history.anchor().scale.factor());
         self.agreement = chain::agreement(&forward, &backward);
-        history.correct_anchor(world_from_first * chain::midway(&forward, &backward));
+        history.correct_anchor(world_from_previous * chain::midway(&forward, &backward));
     }
 
     /// The motion from the anchor, in the unit of the anchor's depth.

@@ -143,8 +143,8 @@ fn the_truth_comes_out_whatever_window_and_gap() {
     for (side, fixed_gap) in [(1, 1), (1, 3), (1, 0), (2, 1), (2, 2), (3, 1), (2, 0)] {
         let tracked = track_all(&world, &mut odometry(&world, side, fixed_gap), Some(world.camera));
         let (position, rotation) = errors(&world, &tracked);
-        // Frames that have moved by less than half a pixel stand still: here one frame, a fortieth of the path.
-        let tolerance = if fixed_gap > 0 { 5e-3 } else { 0.05 };
+        // Frames that have moved by less than half a pixel stand still: here two frames, a twentieth of the path.
+        let tolerance = if fixed_gap > 0 { 5e-3 } else { 0.08 };
         assert!(position < tolerance && rotation < 0.1 * tolerance, "{side}, {fixed_gap}: {position}, {rotation}");
         assert!(tracked.iter().all(|frame| frame.confidence > 0.8 && frame.warning.is_none()));
     }

@@ -16,7 +16,16 @@ fn frames(
     range: (usize, usize),
 ) -> Result<Vec<Image>, SimError> {
     let camera = capsule_lens(Size::new(224, 224))?;
-    let config = Config { source: Source::Organ(organ), frames: 400, fps: 5.0, seed, camera, path, effects, hall: Hall::default() };
+    let config = Config {
+        source: Source::Organ(organ),
+        frames: 400,
+        fps: 5.0,
+        seed,
+        camera,
+        path,
+        effects,
+        hall: Hall::default(),
+    };
     let anatomy = config.anatomy()?;
     let patient = Patient::new(&config, &anatomy);
     let mut session = Session::start(&patient)?;
@@ -50,7 +59,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let plain = Effects::none().with(Effect::Gamma).with(Effect::Exposure);
     let mut pictures = frames(Organ::Colon, PathKind::Survey, plain, 1, (4, 2))?.split_off(1);
-    for effect in Effect::ALL.iter().filter(|effect| !plain.has(**effect) && !matches!(effect, Effect::Hall | Effect::Actuation)) {
+    for effect in
+        Effect::ALL.iter().filter(|effect| !plain.has(**effect) && !matches!(effect, Effect::Hall | Effect::Actuation))
+    {
         pictures.extend(frames(Organ::Colon, PathKind::Survey, plain.with(*effect), 1, (4, 2))?.split_off(1));
     }
     write(folder, "effects", &pictures, 6)

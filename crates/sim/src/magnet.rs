@@ -150,7 +150,10 @@ mod tests {
     #[test]
     fn imperfections_have_their_size() {
         let effects = Effects::none().with(Effect::Hall);
-        let (clean, real) = (Magnetometer::new(Hall::default(), Effects::none(), 3).unwrap(), Magnetometer::new(Hall::default(), effects, 3).unwrap());
+        let (clean, real) = (
+            Magnetometer::new(Hall::default(), Effects::none(), 3).unwrap(),
+            Magnetometer::new(Hall::default(), effects, 3).unwrap(),
+        );
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..50 {
             let (a, b) = (clean.read(index, 0.0, &pose()), real.read(index, 0.0, &pose()));

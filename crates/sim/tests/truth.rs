@@ -58,7 +58,8 @@ fn the_flow_leads_to_the_next_frames_depth() {
             continue;
         }
         let (u, v) = (x.fract(), y.fract());
-        let depth = (1.0 - v) * ((1.0 - u) * corners[0] + u * corners[1]) + v * ((1.0 - u) * corners[2] + u * corners[3]);
+        let depth =
+            (1.0 - v) * ((1.0 - u) * corners[0] + u * corners[1]) + v * ((1.0 - u) * corners[2] + u * corners[3]);
         let ray = poses[0].rotation * optics.ray(at).unwrap();
         let hit = now.cast(&poses[0].translation.vector, &ray, 1.0).unwrap();
         let posed_depth = (poses[1].inverse() * Point3::from(next.point(hit.site))).z;
@@ -74,8 +75,7 @@ fn the_flow_leads_to_the_next_frames_depth() {
 fn first_poses(config: &Config, anatomy: &Anatomy) -> [Pose; 2] {
     let deformation = anatomy.deformation(config.effects);
     let duration_s = config.frames as f64 / config.fps;
-    let flight =
-        Flight::plan(config.path, anatomy, &deformation, config.effects, (duration_s, config.seed)).unwrap();
+    let flight = Flight::plan(config.path, anatomy, &deformation, config.effects, (duration_s, config.seed)).unwrap();
     [flight.pose(0.0), flight.pose(1.0 / config.fps)]
 }
 

@@ -21,9 +21,6 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Confidence below which a pose counts as lost, where the method does not say.
-const LOST_BELOW: f64 = 0.1;
-
 /// Estimate the camera's path and the depth of every frame.
 ///
 /// INPUT is a video, a folder of images, a data-set sequence, a sequence folder or a live address; Ctrl-C ends a live

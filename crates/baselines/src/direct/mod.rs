@@ -46,6 +46,10 @@ const FEWEST_AGREEING: f64 = 0.5;
 const LEAST_CORRELATION: f64 = 0.5;
 /// Frames without a believed alignment, in a row, before a new start.
 const PATIENCE: usize = 5;
+/// Share of points below which a frame becomes the keyframe, however small the parallax.
+const KEYFRAME_VISIBLE: f64 = 0.75;
+/// Share of points below which the first keyframe is left before it has been worked over with all its frames.
+const START_VISIBLE: f64 = 0.6;
 /// Rounds in which a new keyframe's depths and its place among the window's views follow each other.
 const SETTLE_ROUNDS: usize = 3;
 /// An alignment in which less than this part of the usual share agrees is tried from other guesses.
@@ -140,10 +144,10 @@ impl Direct {
             return Err(TrackError::Unsuitable { method: NAME, index: frame.index, reason });
         }
         let pyramid = Arc::new(Pyramid::new(&frame.image, frame.usable.clone(), &self.lenses));
-        let Some(keyframe) = &self.keyframe else { return Ok(self.begin(pyramid, None)) };
-        match self.find(keyframe, &pyramid).filter(believed) {
-            Some(alignment) => Ok(self.accept(pyramid, alignment)),
-            None => Ok(self.miss(pyramid)),
+        let Some(keyframe) = self.keyframe.take() else { return Ok(self.begin(pyramid, None)) };
+        match self.find(&keyframe, &pyramid).filter(believed) {
+            Some(alignment) => Ok(self.accept(keyframe, pyramid, alignment)),
+            None => Ok(self.miss(keyframe, pyramid)),
         }
     }
 
@@ -194,8 +198,8 @@ impl Direct {
         Tracked { world_from_camera: Some(world_from_camera), confidence, depth: None, reliability: None, warning }
     }
 
-    fn accept(&mut self, pyramid: Arc<Pyramid>, alignment: Alignment) -> Tracked {
-        let Some(mut keyframe) = self.keyframe.take() else { return held(None, "there is no keyframe") };
+    /// Takes an alignment that is believed: depths learn from the frame, and it may become the keyframe.
+    fn accept(&mut self, mut keyframe: Keyframe, pyramid: Arc<Pyramid>, alignment: Alignment) -> Tracked {
         let mut view = if self.starting {
             self.work_over(&mut keyframe, pyramid, alignment)
         } else {
@@ -206,29 +210,21 @@ impl Direct {
         };
         let (motion, _) = keyframe.view.to(&view);
         let size = self.lenses.level(0).camera().size();
-        let tracked = Tracked {
-            world_from_camera: Some(view.world_from_camera),
-            confidence: alignment.agreeing * alignment.visible.min(1.0),
-            depth: Some(keyframe.depth_seen_from(&motion, &self.lenses, size)),
-            reliability: None,
-            warning: None,
-        };
+        let depth = keyframe.depth_seen_from(&motion, &self.lenses, size);
         let far = keyframe.parallax(&motion, &self.lenses)
             > self.config.keyframe_parallax * (size.width + size.height) as f64;
-        let settled = !self.starting || self.start.len() >= START_FRAMES || alignment.visible < 0.6;
-        if settled && (far || alignment.visible < 0.75) {
-            keyframe = self.next_keyframe(keyframe, view.clone());
-            if Arc::ptr_eq(&keyframe.view.pyramid, &view.pyramid) {
-                view = keyframe.view.clone();
-            }
+        let ready = !self.starting || self.start.len() >= START_FRAMES || alignment.visible < START_VISIBLE;
+        if ready && (far || alignment.visible < KEYFRAME_VISIBLE) {
+            (keyframe, view) = self.next_keyframe(keyframe, view);
         }
         if let Some(last) = &self.last {
             self.last_from_previous = view.world_from_camera.inverse() * last.world_from_camera;
         }
+        let world_from_camera = Some(view.world_from_camera);
         (self.lost, self.usual_agreeing) = (0, alignment.agreeing);
-        self.keyframe = Some(keyframe);
-        self.last = Some(view);
-        tracked
+        (self.keyframe, self.last) = (Some(keyframe), Some(view));
+        let confidence = alignment.agreeing * alignment.visible;
+        Tracked { world_from_camera, confidence, depth: Some(depth), reliability: None, warning: None }
     }
 
     /// While the first keyframe is young: all its frames again and again, depths and motions in turn.
@@ -253,34 +249,36 @@ impl Direct {
         self.start.last().map_or(newest, |(view, _)| view.clone())
     }
 
-    fn next_keyframe(&mut self, previous: Keyframe, view: View) -> Keyframe {
-        let mut next = Keyframe::after(&previous, view, &self.lenses, self.config.points, BRIGHTNESS_NOISE);
+    /// Makes a view the keyframe and settles its place; the one before it joins the window. A view with too few points
+    /// leaves everything as it is.
+    fn next_keyframe(&mut self, previous: Keyframe, view: View) -> (Keyframe, View) {
+        let mut next = Keyframe::after(&previous, view.clone(), &self.lenses, self.config.points, BRIGHTNESS_NOISE);
         if next.reference.points.len() < FEWEST_POINTS {
-            return previous;
+            return (previous, view);
         }
-        let start = self.start.drain(..).map(|(view, _)| view);
-        self.window.extend(
-            std::iter::once(previous.view)
-                .chain(start.filter(|seen| seen.world_from_camera != next.view.world_from_camera)),
-        );
+        self.window.push_back(previous.view);
+        // The frames the start was worked over with; the last of them is the keyframe itself.
+        let worked_over = self.start.len().saturating_sub(1);
+        self.window.extend(self.start.drain(..).take(worked_over).map(|(view, _)| view));
         while self.window.len() > self.config.window {
             self.window.pop_front();
         }
-        for round in 0..SETTLE_ROUNDS {
-            let mut guessed = next.clone();
-            for earlier in self.window.iter().rev() {
-                guessed.observe(earlier, &self.lenses, BRIGHTNESS_NOISE);
-            }
-            guessed.trust_found(FEWEST_TRUSTED);
-            if round + 1 == SETTLE_ROUNDS {
-                next = guessed;
-            } else {
-                next.view.world_from_camera = self.settled_pose(&guessed);
-            }
+        for _ in 1..SETTLE_ROUNDS {
+            next.view.world_from_camera = self.settled_pose(&self.observed(next.clone()));
         }
-        next.trust_found(FEWEST_TRUSTED);
         self.starting = false;
-        next
+        let next = self.observed(next);
+        let view = next.view.clone();
+        (next, view)
+    }
+
+    /// A new keyframe with its depths searched in the window's views.
+    fn observed(&self, mut keyframe: Keyframe) -> Keyframe {
+        for earlier in self.window.iter().rev() {
+            keyframe.observe(earlier, &self.lenses, BRIGHTNESS_NOISE);
+        }
+        keyframe.trust_found(FEWEST_TRUSTED);
+        keyframe
     }
 
     /// The place of a keyframe on which the views of the window agree: the mean of where each of them, aligned to the
@@ -300,11 +298,13 @@ impl Direct {
         here * se3::exp(&mean)
     }
 
-    fn miss(&mut self, pyramid: Arc<Pyramid>) -> Tracked {
+    /// A frame that could not be aligned.
+    fn miss(&mut self, keyframe: Keyframe, pyramid: Arc<Pyramid>) -> Tracked {
         self.lost += 1;
+        let inverse_depth = keyframe.middle_inverse_depth();
+        self.keyframe = Some(keyframe);
         if self.lost >= PATIENCE {
-            let inverse_depth = self.keyframe.as_ref().map(Keyframe::middle_inverse_depth);
-            return self.begin(pyramid, inverse_depth);
+            return self.begin(pyramid, Some(inverse_depth));
         }
         held(self.last.as_ref(), "the picture does not agree with the ones before it")
     }

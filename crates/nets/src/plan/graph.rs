@@ -134,6 +134,11 @@ impl Graph {
 
     /// Computes every step.
     pub fn run(&mut self) {
+        // On a thread of the pool: handing every layer over from outside takes longer than a small layer.
+        rayon::scope(|_| self.run_steps());
+    }
+
+    fn run_steps(&mut self) {
         let Self { buffers, steps, workspace } = self;
         for (step, from, to) in steps {
             let mut output = std::mem::take(&mut buffers[to.buffer]);
