@@ -134,6 +134,125 @@ const CALM: Habits = Habits {
     hardest_m_s2: 0.05,
 };
 
+const STEERED_2: Habits = Habits {
+    loops: 0.7,
+    stray: 0.7,
+    loop_period_s: 10.0,
+    speed_m_s: 0.004,
+    fastest_m_s: 0.03,
+    hardest_m_s2: 0.08,
+    ..CALM
+};
+
+const STEERED_3: Habits = Habits {
+    stretch_m: 0.14,
+    loops: 0.6,
+    stray: 0.8,
+    loop_period_s: 8.0,
+    lissajous: 1.5,
+    speed_m_s: 0.006,
+    surge_m: 0.008,
+    tilt_rad: 0.5,
+    turn_period_s: 9.0,
+    fastest_m_s: 0.04,
+    hardest_m_s2: 0.12,
+    ..CALM
+};
+
+const STEERED_4: Habits = Habits {
+    stretch_m: 0.14,
+    loops: 0.4,
+    stray: 0.85,
+    stray_period_s: 5.0,
+    loop_period_s: 4.0,
+    lissajous: 2.0,
+    speed_m_s: 0.010,
+    surge_m: 0.008,
+    surge_period_s: 4.0,
+    tilt_rad: 0.7,
+    turn_period_s: 4.5,
+    roll_rad: 0.7,
+    fastest_m_s: 0.06,
+    hardest_m_s2: 0.4,
+    ..CALM
+};
+
+const CAPSULE: Habits = Habits {
+    stretch_m: 0.5,
+    speed_m_s: 0.003,
+    surge_m: 0.010,
+    surge_period_s: 20.0,
+    stray: 0.85,
+    stray_period_s: 11.0,
+    tilt_rad: 1.0,
+    turn_period_s: 16.0,
+    roll_rad: 1.5,
+    spin_rad_s: 0.03,
+    fastest_m_s: 0.03,
+    hardest_m_s2: 0.08,
+    ..CALM
+};
+
+const INSERTION: Habits = Habits {
+    course: Course::Forward,
+    stretch_m: 2.0,
+    speed_m_s: 0.012,
+    surge_m: 0.012,
+    surge_period_s: 7.0,
+    stray: 0.7,
+    stray_period_s: 6.0,
+    tilt_rad: 0.45,
+    turn_period_s: 6.0,
+    roll_rad: 0.8,
+    fastest_m_s: 0.06,
+    hardest_m_s2: 0.3,
+    ..CALM
+};
+
+const WITHDRAWAL: Habits = Habits {
+    course: Course::Backward,
+    stretch_m: 2.0,
+    speed_m_s: 0.007,
+    surge_m: 0.006,
+    stray: 0.6,
+    stray_period_s: 8.0,
+    tilt_rad: 0.2,
+    circling_rad: 0.45,
+    loop_period_s: 7.0,
+    fastest_m_s: 0.04,
+    hardest_m_s2: 0.2,
+    ..CALM
+};
+
+const RETROFLEXION: Habits = Habits {
+    course: Course::Forward,
+    stretch_m: 0.06,
+    speed_m_s: 0.006,
+    stray: 0.5,
+    tilt_rad: 0.25,
+    roll_rad: 1.2,
+    spin_rad_s: 0.05,
+    retroflexion_rad: 2.9,
+    fastest_m_s: 0.03,
+    hardest_m_s2: 0.1,
+    ..CALM
+};
+
+const SURVEY: Habits = Habits {
+    stretch_m: 0.12,
+    speed_m_s: 0.005,
+    surge_m: 0.006,
+    surge_period_s: 8.0,
+    stray: 0.6,
+    stray_period_s: 9.0,
+    tilt_rad: 0.35,
+    turn_period_s: 10.0,
+    roll_rad: 0.3,
+    fastest_m_s: 0.03,
+    hardest_m_s2: 0.1,
+    ..CALM
+};
+
 impl PathKind {
     /// Kinds 1 to 4 follow the descriptions of the four trajectories in M. Turan et al., "A non-rigid map fusion-based
     /// direct SLAM method for endoscopic capsule robots" (2017): slow increments; a scan with many local loop closures;
@@ -142,117 +261,14 @@ impl PathKind {
     pub(super) const fn habits(self) -> Habits {
         match self {
             Self::Steered1 => CALM,
-            Self::Steered2 => Habits {
-                loops: 0.7,
-                stray: 0.7,
-                loop_period_s: 10.0,
-                speed_m_s: 0.004,
-                fastest_m_s: 0.03,
-                hardest_m_s2: 0.08,
-                ..CALM
-            },
-            Self::Steered3 => Habits {
-                stretch_m: 0.14,
-                loops: 0.6,
-                stray: 0.8,
-                loop_period_s: 8.0,
-                lissajous: 1.5,
-                speed_m_s: 0.006,
-                surge_m: 0.008,
-                tilt_rad: 0.5,
-                turn_period_s: 9.0,
-                fastest_m_s: 0.04,
-                hardest_m_s2: 0.12,
-                ..CALM
-            },
-            Self::Steered4 => Habits {
-                stretch_m: 0.14,
-                loops: 0.4,
-                stray: 0.85,
-                stray_period_s: 5.0,
-                loop_period_s: 4.0,
-                lissajous: 2.0,
-                speed_m_s: 0.010,
-                surge_m: 0.008,
-                surge_period_s: 4.0,
-                tilt_rad: 0.7,
-                turn_period_s: 4.5,
-                roll_rad: 0.7,
-                fastest_m_s: 0.06,
-                hardest_m_s2: 0.4,
-                ..CALM
-            },
-            Self::Capsule => Habits {
-                stretch_m: 0.5,
-                speed_m_s: 0.003,
-                surge_m: 0.010,
-                surge_period_s: 20.0,
-                stray: 0.85,
-                stray_period_s: 11.0,
-                tilt_rad: 1.0,
-                turn_period_s: 16.0,
-                roll_rad: 1.5,
-                spin_rad_s: 0.03,
-                fastest_m_s: 0.03,
-                hardest_m_s2: 0.08,
-                ..CALM
-            },
-            Self::Insertion => Habits {
-                course: Course::Forward,
-                stretch_m: 2.0,
-                speed_m_s: 0.012,
-                surge_m: 0.012,
-                surge_period_s: 7.0,
-                stray: 0.7,
-                stray_period_s: 6.0,
-                tilt_rad: 0.45,
-                turn_period_s: 6.0,
-                roll_rad: 0.8,
-                fastest_m_s: 0.06,
-                hardest_m_s2: 0.3,
-                ..CALM
-            },
-            Self::Withdrawal => Habits {
-                course: Course::Backward,
-                stretch_m: 2.0,
-                speed_m_s: 0.007,
-                surge_m: 0.006,
-                stray: 0.6,
-                stray_period_s: 8.0,
-                tilt_rad: 0.2,
-                circling_rad: 0.45,
-                loop_period_s: 7.0,
-                fastest_m_s: 0.04,
-                hardest_m_s2: 0.2,
-                ..CALM
-            },
-            Self::Retroflexion => Habits {
-                course: Course::Forward,
-                stretch_m: 0.06,
-                speed_m_s: 0.006,
-                stray: 0.5,
-                tilt_rad: 0.25,
-                roll_rad: 1.2,
-                spin_rad_s: 0.05,
-                retroflexion_rad: 2.9,
-                fastest_m_s: 0.03,
-                hardest_m_s2: 0.1,
-                ..CALM
-            },
-            Self::Survey => Habits {
-                stretch_m: 0.12,
-                speed_m_s: 0.005,
-                surge_m: 0.006,
-                surge_period_s: 8.0,
-                stray: 0.6,
-                stray_period_s: 9.0,
-                tilt_rad: 0.35,
-                turn_period_s: 10.0,
-                roll_rad: 0.3,
-                fastest_m_s: 0.03,
-                hardest_m_s2: 0.1,
-                ..CALM
-            },
+            Self::Steered2 => STEERED_2,
+            Self::Steered3 => STEERED_3,
+            Self::Steered4 => STEERED_4,
+            Self::Capsule => CAPSULE,
+            Self::Insertion => INSERTION,
+            Self::Withdrawal => WITHDRAWAL,
+            Self::Retroflexion => RETROFLEXION,
+            Self::Survey => SURVEY,
         }
     }
 }
