@@ -202,18 +202,21 @@ impl DrawingBackend for Canvas<'_> {
             VPos::Center => 0.36,
             VPos::Bottom => -0.1,
         } * size;
-        let turned = match style.transform() {
-            FontTransform::None => anchored((x, y + down), letters, size, ink(style.color()), anchor),
-            FontTransform::Rotate90 => turned(90, (x, y), down, letters, size, anchor, ink(style.color())),
-            FontTransform::Rotate180 => turned(180, (x, y), down, letters, size, anchor, ink(style.color())),
-            FontTransform::Rotate270 => turned(270, (x, y), down, letters, size, anchor, ink(style.color())),
+        let degrees = match style.transform() {
+            FontTransform::None => None,
+            FontTransform::Rotate90 => Some(90),
+            FontTransform::Rotate180 => Some(180),
+            FontTransform::Rotate270 => Some(270),
         };
+        let written = |at| anchored(at, letters, size, ink(style.color()), anchor);
+        let turned = degrees.map_or_else(
+            || written((x, y + down)),
+            |degrees| {
+                let inside = written((0.0, down));
+                format!("<g transform=\"translate({x:.1} {y:.1}) rotate({degrees})\">{inside}</g>")
+            },
+        );
         self.body.push_str(&turned);
         Ok(())
     }
-}
-
-fn turned(degrees: i32, (x, y): (f64, f64), down: f64, letters: &str, size: f64, anchor: &str, ink: Ink) -> String {
-    let inside = anchored((0.0, down), letters, size, ink, anchor);
-    format!("<g transform=\"translate({x:.1} {y:.1}) rotate({degrees})\">{inside}</g>")
 }
