@@ -210,7 +210,7 @@ impl Mucosa {
                 let slope = spread(along) * texel.slope[0] * cell_m + spread(around) * texel.slope[1] * cell_m;
                 (texel, slope)
             }
-            _ => self.from_three_sides(&place.rest, &hit.shading_normal, footprint_m),
+            _ => self.mixed_by_normal(&place.rest, &hit.shading_normal, footprint_m),
         }
     }
 
@@ -222,7 +222,7 @@ impl Mucosa {
     }
 
     /// The tile laid on from three sides and mixed by the normal: for walls without a layout of their own.
-    fn from_three_sides(
+    fn mixed_by_normal(
         &self,
         rest: &Vector3<f64>,
         normal: &Vector3<f64>,

@@ -23,29 +23,35 @@ pub fn cling(light: &mut Light, cover: &mut [f32], size: Size, key: Key, time_s:
         let rows = ((drop.y - reach).max(0.0) as usize)..((drop.y + reach).max(0.0) as usize + 1).min(size.height);
         for y in rows {
             for x in ((drop.x - reach).max(0.0) as usize)..((drop.x + reach).max(0.0) as usize + 1).min(size.width) {
-                refract(light, cover, &dry, size, &drop, x, y);
+                let at = y * size.width + x;
+                (light[at], cover[at]) = refracted((light[at], cover[at]), &dry, size, &drop, (x, y));
             }
         }
     }
 }
 
-fn refract(light: &mut Light, cover: &mut [f32], dry: &Light, size: Size, drop: &Drop, x: usize, y: usize) {
+/// Light and cover of a pixel with a drop over it.
+fn refracted(
+    (light, cover): ([f32; 3], f32),
+    dry: &Light,
+    size: Size,
+    drop: &Drop,
+    (x, y): (usize, usize),
+) -> ([f32; 3], f32) {
     let (dx, dy) = ((x as f64 - drop.x) / drop.radius, (y as f64 - drop.y) / drop.radius);
     let share = dx.hypot(dy);
     if share >= 1.0 {
-        return;
+        return (light, cover);
     }
     // Upside down, wider towards the rim, as through a ball.
     let bend = SHRUNKEN * drop.radius * (1.0 + share * share);
     let from =
         |middle: f64, offset: f64, extent: usize| (middle - bend * offset).clamp(0.0, (extent - 1) as f64) as usize;
     let source = dry[from(drop.y, dy, size.height) * size.width + from(drop.x, dx, size.width)];
-    let at = y * size.width + x;
     // A dark rim, and a soft edge where the film of water thins out.
     let rim = (1.0 - 0.55 * share.powi(6)) as f32;
     let edge = (((1.0 - share) * drop.radius) / 1.5).min(1.0) as f32;
-    light[at] = std::array::from_fn(|c| light[at][c] * (1.0 - edge) + source[c] * rim * edge);
-    cover[at] = cover[at].max(edge);
+    (std::array::from_fn(|c| light[c] * (1.0 - edge) + source[c] * rim * edge), cover.max(edge))
 }
 
 fn at_time(key: Key, size: Size, time_s: f64) -> Drop {
