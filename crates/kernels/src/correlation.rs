@@ -88,7 +88,7 @@ impl Correlation {
         let Geometry { kernel, stride, before, large, small, large_channels, small_channels } = *geometry;
         // `large[s q + r]` sees `small[q + d]` through the tap `r + before - s d`.
         let lowest = before.map(|before| (kernel - 1).saturating_sub(before).div_ceil(stride));
-        let highest = before.map(|before| (stride - 1 + before) / stride);
+        let highest = before.map(|before| before.div_ceil(stride));
         let grid = large.map(|length| length.div_ceil(stride));
         let extent = [0, 1].map(|axis| grid[axis] + lowest[axis] + highest[axis]);
         let source = Planes::new(small_channels, small, lowest, 1, extent);

@@ -82,8 +82,10 @@ impl Planes {
             if self.phases == 1 {
                 inside.copy_from_slice(&source[start..start + count]);
             } else {
-                let pixels = source[start..].iter().step_by(self.phases);
-                inside.iter_mut().zip(pixels).for_each(|(to, from)| *to = *from);
+                // In pairs, which vectors can take apart; an odd last pixel has no partner.
+                let (pairs, last) = source[start..].as_chunks::<2>();
+                inside.iter_mut().zip(pairs).for_each(|(to, [from, _])| *to = *from);
+                inside[pairs.len().min(count)..].iter_mut().zip(last).for_each(|(to, from)| *to = *from);
             }
         }
     }

@@ -33,7 +33,8 @@ pub(crate) fn convolve(layer: &Conv2d, input: Tensor<4>, activation: Activation)
         let bias = layer.bias.as_ref()?.val();
         flex::product(flex::Direction::ToSmall, geometry, [&input, &layer.weight.val()], &bias, activation)
     };
-    product().unwrap_or_else(|| activate(layer.forward(input.clone()), activation))
+    let computed = product();
+    computed.unwrap_or_else(|| activate(layer.forward(input), activation))
 }
 
 /// A transposed convolution, cut to the upper left `size`.
@@ -53,7 +54,8 @@ pub(crate) fn convolve_up(
         let bias = layer.bias.as_ref()?.val();
         flex::product(flex::Direction::ToLarge, geometry, [&input, &layer.weight.val()], &bias, activation)
     };
-    product().unwrap_or_else(|| activate(crop(layer.forward(input.clone()), size), activation))
+    let computed = product();
+    computed.unwrap_or_else(|| activate(crop(layer.forward(input), size), activation))
 }
 
 fn activate(features: Tensor<4>, activation: Activation) -> Tensor<4> {

@@ -72,7 +72,8 @@ impl Graph {
     /// Convolution, normalisation, ReLU.
     pub fn block(&mut self, block: &ConvBlock, from: Value, to: Value) -> Result<(), NetsError> {
         let bias = block.conv.bias.as_ref().map(|bias| bias.val());
-        let kernel = folded(block.conv.weight.val(), bias, block.norm.as_ref(), 0).map_err(unreadable)?;
+        let kernel =
+            folded(block.conv.weight.val(), bias, block.norm.as_ref(), 0).map_err(|error| unreadable(&error))?;
         let geometry = conv::geometry_of(&block.conv, from.size);
         self.convolve(geometry, Correlation::to_small, kernel, true, [from, to])
     }
@@ -80,7 +81,8 @@ impl Graph {
     /// Transposed convolution, normalisation, ReLU, cut to the size of `to`.
     pub fn up_block(&mut self, block: &UpConvBlock, from: Value, to: Value) -> Result<(), NetsError> {
         let bias = block.conv.bias.as_ref().map(|bias| bias.val());
-        let kernel = folded(block.conv.weight.val(), bias, block.norm.as_ref(), 1).map_err(unreadable)?;
+        let kernel =
+            folded(block.conv.weight.val(), bias, block.norm.as_ref(), 1).map_err(|error| unreadable(&error))?;
         let geometry = conv::up_geometry_of(&block.conv, from.size, to.size);
         self.convolve(geometry, Correlation::to_large, kernel, true, [from, to])
     }
@@ -88,7 +90,7 @@ impl Graph {
     /// A bare convolution.
     pub fn conv(&mut self, layer: &Conv2d, from: Value, to: Value) -> Result<(), NetsError> {
         let bias = layer.bias.as_ref().map(|bias| bias.val());
-        let kernel = folded(layer.weight.val(), bias, None, 0).map_err(unreadable)?;
+        let kernel = folded(layer.weight.val(), bias, None, 0).map_err(|error| unreadable(&error))?;
         self.convolve(conv::geometry_of(layer, from.size), Correlation::to_small, kernel, false, [from, to])
     }
 
@@ -167,6 +169,6 @@ impl Graph {
     }
 }
 
-fn unreadable(error: ExecutionError) -> NetsError {
+fn unreadable(error: &ExecutionError) -> NetsError {
     NetsError::config("weights", format!("cannot be read from the device: {error:?}"))
 }
