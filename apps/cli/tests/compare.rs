@@ -52,7 +52,7 @@ fn three_trajectories_of_other_programs_compare_without_ceremony() {
     let lossy = folder.file("lossy.txt", tum(0.01, 0..120));
     let out = folder.path("out");
     let text = succeed(&["compare", "--truth", &truth, &good, &bad, &format!("partial={lossy}"), "--out", &out]);
-    for word in ["good", "bad", "partial", "constant motion", "report.html", "60.5"] {
+    for word in ["good", "bad", "partial", "constant motion", "report.html", "60.00"] {
         assert!(text.contains(word), "{word}: {text}");
     }
     for file in ["report.html", "compare.json", "figures/paths.svg", "figures/paths.png", "figures/drift-by-length.csv"]

@@ -146,7 +146,10 @@ impl PropertyAccess for PlyFace {
 
 fn read_ply(path: &Path) -> Result<Soup, SimError> {
     let damaged = |reason: String| SimError::mesh(path, reason, "export the mesh again");
-    let unreadable = |error: &dyn std::fmt::Display| damaged(format!("is no readable PLY file ({error})"));
+    // The parser's messages run over several lines and end in its own notation.
+    let first_line = |error: &dyn std::fmt::Display| error.to_string().lines().next().unwrap_or_default().to_owned();
+    let unreadable =
+        |error: &dyn std::fmt::Display| damaged(format!("is no readable PLY file ({})", first_line(error)));
     let file = std::fs::File::open(path).map_err(|error| endoscape_frames::FramesError::io(path, "read", error))?;
     let mut reader = Reader::new(std::io::BufReader::new(file));
     let (vertices, faces) = (Parser::<PlyVertex>::new(), Parser::<PlyFace>::new());
