@@ -8,8 +8,10 @@ use endoscape_kernels::weight_gradient::GradientWorkspace;
 use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, weight_gradient};
 use std::time::Instant;
 
-/// Channels of the large and the small picture, kernel, stride, rows and columns of the large one.
-const LAYERS: [(&str, [usize; 2], usize, usize, [usize; 2]); 19] = [
+/// Name, channels of the large and the small picture, kernel, stride, rows and columns of the large one.
+type Layer = (&'static str, [usize; 2], usize, usize, [usize; 2]);
+
+const LAYERS: [Layer; 19] = [
     ("disp conv1 7x7/2", [3, 32], 7, 2, [128, 416]),
     ("disp conv1b 7x7", [32, 32], 7, 1, [64, 208]),
     ("disp conv2 5x5/2", [32, 64], 5, 2, [64, 208]),
