@@ -20,7 +20,7 @@ fn error<const D: usize>(actual: Tensor<D>, expected: Tensor<D>) -> f32 {
 /// Compares a layer's output and the gradients of its input, weight and bias.
 fn compare(
     [input, weight]: [Tensor<4>; 2],
-    bias: Tensor<1>,
+    bias: &Tensor<1>,
     [ours, theirs]: [&dyn Fn(Tensor<4>) -> Tensor<4>; 2],
 ) -> Result<(), TestCaseError> {
     let input = input.require_grad();
@@ -62,7 +62,7 @@ proptest! {
         let activation = if relu { Activation::Relu } else { Activation::None };
         let input = noise([batch, channels[0], size[0], size[1]], &device);
         let (weight, bias) = (layer.weight.val(), layer.bias.as_ref().unwrap().val());
-        compare([input, weight], bias, [
+        compare([input, weight], &bias, [
             &|input| convolve(&layer, input, activation),
             &|input| activate(layer.forward(input), activation),
         ])?;
@@ -86,7 +86,7 @@ proptest! {
         let small = size.map(|length| length.div_ceil(2));
         let input = noise([batch, channels[0], small[0], small[1]], &device);
         let (weight, bias) = (layer.weight.val(), layer.bias.as_ref().unwrap().val());
-        compare([input, weight], bias, [
+        compare([input, weight], &bias, [
             &|input| convolve_up(&layer, input, size, activation),
             &|input| activate(crop(layer.forward(input), size), activation),
         ])?;
