@@ -17,6 +17,8 @@ const CELL_M: f64 = 0.008;
 const REACH: i64 = 3;
 /// The patient lies on the back: gravity points along the world's z.
 const DOWN: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);
+/// Height of the camera above the fluid as a share of the distance from which the wall is usually seen.
+const LEVEL: f64 = 0.24;
 /// Depth of fluid at which a third of the light is left, metres.
 const MURKY_M: f64 = 0.006;
 
@@ -52,7 +54,7 @@ impl Medium {
         let world_from_camera = now.world_from_camera[now.world_from_camera.len() / 2];
         let balls = self.balls(&world_from_camera, time_s);
         let down = world_from_camera.rotation.inverse() * DOWN;
-        let level_m = self.effects.has(Effect::Fluid).then(|| 0.4 * scene.anatomy.usual_distance_m() / 3.0);
+        let level_m = self.effects.has(Effect::Fluid).then(|| LEVEL * scene.anatomy.usual_distance_m());
         let pixel = |(at, sample): (usize, &Sample)| -> (f32, [f32; 3]) {
             let Some(ray) = scene.optics.ray(at).filter(|_| sample.is_wall()) else { return (0.0, [0.0; 3]) };
             let mut veil = level_m.map_or((0.0, [0.0; 3]), |level_m| self.fluid(&ray, &down, level_m, sample, time_s));
@@ -122,11 +124,11 @@ impl Medium {
         let below_m = sample.distance_m - surface_m;
         let cover = 1.0 - (-below_m / MURKY_M).exp();
         // Bile: yellow-green, lit like a wall of its own.
-        let lit = 0.35 * descent / (surface_m * surface_m).max(1e-8);
+        let lit = descent / (surface_m * surface_m).max(1e-8);
         let ripple = noise(self.key.at(9), &(ray * surface_m / 0.0015 + Vector3::repeat(0.7 * time_s)));
         let mirrored = (-descent.acos().powi(2) / 0.004 * (1.0 + 0.5 * ripple)).exp();
-        let glint = 1.2 * mirrored / (surface_m * surface_m).max(1e-8);
-        let colour = [0.42, 0.36, 0.10].map(|c| ((c * lit * (1.0 + 0.2 * ripple)) * cover + glint) as f32);
+        let glint = 0.5 * mirrored / (surface_m * surface_m).max(1e-8);
+        let colour = [0.105, 0.085, 0.022].map(|c| ((c * lit * (1.0 + 0.2 * ripple)) * cover + glint) as f32);
         (cover as f32, colour)
     }
 }
@@ -156,7 +158,7 @@ impl Ball {
         let towards = (ray - self.centre / self.centre.norm()) / (self.radius_m / self.centre.norm());
         let spark = |x: f64, y: f64| (-((towards.x - x).powi(2) + (towards.y - y).powi(2)) / 0.012).exp();
         let glint = 1.5 * (spark(-0.25, -0.25) + 0.6 * spark(0.3, 0.28));
-        ((0.16 + 0.55 * rim + glint).min(1.0), [0.42, 0.38, 0.34].map(|c| nearness * (c * rim * 0.6 + 0.5 * glint)))
+        ((0.16 + 0.55 * rim + glint).min(1.0), [0.42, 0.38, 0.34].map(|c| nearness * (c * rim * 0.25 + 0.25 * glint)))
     }
 
     /// An opaque crumb with a ragged outline.
@@ -165,7 +167,7 @@ impl Ball {
         let inside = ((ragged - aside) / 0.15).clamp(0.0, 1.0);
         let round = (1.0 - (aside / 1.35).powi(2)).max(0.0).sqrt();
         let colour = if self.key.at(3).uniform() < 0.5 { [0.42, 0.27, 0.07] } else { [0.55, 0.47, 0.30] };
-        (inside, colour.map(|c| c * round * nearness * inside * 0.8))
+        (inside, colour.map(|c| c * round * nearness * inside * 0.4))
     }
 }
 

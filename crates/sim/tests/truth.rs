@@ -32,8 +32,9 @@ fn config(organ: Organ, side: usize, effects: Effects) -> Config {
 
 #[test]
 fn the_flow_leads_to_the_next_frames_depth() {
+    const SIDE: usize = 144;
     let moving = Effects::none().with(Effect::Peristalsis).with(Effect::Breathing).with(Effect::Contraction);
-    let config = config(Organ::SmallBowel, 96, moving);
+    let config = config(Organ::SmallBowel, SIDE, moving);
     let anatomy = config.anatomy().unwrap();
     let patient = Patient::new(&config, &anatomy);
     let mut session = Session::start(&patient).unwrap();
@@ -47,11 +48,11 @@ fn the_flow_leads_to_the_next_frames_depth() {
     let mut errors = Vec::new();
     for (at, sample) in a.samples.iter().enumerate() {
         let Some([dx, dy]) = sample.flow else { continue };
-        let (x, y) = ((at % 96) as f64 + dx, (at / 96) as f64 + dy);
-        if !(1.0..94.0).contains(&x) || !(1.0..94.0).contains(&y) {
+        let (x, y) = ((at % SIDE) as f64 + dx, (at / SIDE) as f64 + dy);
+        if !(1.0..SIDE as f64 - 2.0).contains(&x) || !(1.0..SIDE as f64 - 2.0).contains(&y) {
             continue;
         }
-        let corner = |i: usize, j: usize| b.samples[(y as usize + j) * 96 + x as usize + i].depth_m;
+        let corner = |i: usize, j: usize| b.samples[(y as usize + j) * SIDE + x as usize + i].depth_m;
         let corners = [corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1)];
         let (low, high) = corners.iter().fold((f64::MAX, 0.0_f64), |(low, high), d| (low.min(*d), high.max(*d)));
         if low <= 0.0 || high - low > 0.03 * low {

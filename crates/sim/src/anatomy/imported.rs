@@ -65,7 +65,7 @@ fn read_obj(path: &Path) -> Result<Soup, SimError> {
         tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     std::fs::metadata(path).map_err(|error| endoscape_frames::FramesError::io(path, "read", error))?;
     let (models, materials) =
-        tobj::load_obj(path, &options).map_err(|error| damaged(format!("is no readable OBJ file ({error})")))?;
+        tobj::load_obj(path, &options).map_err(|error| damaged(format!("is no readable OBJ file ({})", one_line(&error))))?;
     let mut soup = Soup::default();
     for tobj::Model { mesh, .. } in models {
         let first = soup.points.len() as u32;
@@ -84,6 +84,11 @@ fn read_obj(path: &Path) -> Result<Soup, SimError> {
         soup.texture = Some(picture::read(&file)?);
     }
     Ok(soup)
+}
+
+/// What a parser says, without the lines it shows below that.
+fn one_line(error: &dyn std::fmt::Display) -> String {
+    error.to_string().lines().next().unwrap_or_default().trim_end_matches(['.', ':']).to_string()
 }
 
 /// A vertex as PLY files have it.
@@ -146,10 +151,7 @@ impl PropertyAccess for PlyFace {
 
 fn read_ply(path: &Path) -> Result<Soup, SimError> {
     let damaged = |reason: String| SimError::mesh(path, reason, "export the mesh again");
-    // The parser's messages run over several lines and end in its own notation.
-    let first_line = |error: &dyn std::fmt::Display| error.to_string().lines().next().unwrap_or_default().to_owned();
-    let unreadable =
-        |error: &dyn std::fmt::Display| damaged(format!("is no readable PLY file ({})", first_line(error)));
+    let unreadable = |error: &dyn std::fmt::Display| damaged(format!("is no readable PLY file ({})", one_line(error)));
     let file = std::fs::File::open(path).map_err(|error| endoscape_frames::FramesError::io(path, "read", error))?;
     let mut reader = Reader::new(std::io::BufReader::new(file));
     let (vertices, faces) = (Parser::<PlyVertex>::new(), Parser::<PlyFace>::new());

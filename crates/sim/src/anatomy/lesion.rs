@@ -72,7 +72,7 @@ fn kind(i: usize, key: Key) -> (LesionKind, f64) {
     let (kind, low_m, high_m) = match i % 4 {
         0 => (LesionKind::Polyp, 0.0025, 0.0058),
         1 => (LesionKind::Patch, 0.007, 0.016),
-        2 => (LesionKind::Ulcer, 0.0035, 0.007),
+        2 => (LesionKind::Ulcer, 0.0025, 0.005),
         _ => (LesionKind::Bleeding, 0.004, 0.009),
     };
     (kind, key.range(low_m, high_m))

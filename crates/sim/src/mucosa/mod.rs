@@ -268,7 +268,7 @@ impl Mucosa {
             let albedo = material.albedo;
             material.albedo = match lesion.kind {
                 LesionKind::Polyp => mix(scaled([0.93 + 0.1 * rough, 0.66, 0.66]), soft(0.25), albedo),
-                LesionKind::Ulcer if inside > 0.22 => mix([0.80, 0.72, 0.50], soft(0.32), scaled([0.85, 0.42, 0.40])),
+                LesionKind::Ulcer if inside > 0.22 => mix([0.58, 0.44, 0.24], soft(0.55), scaled([0.85, 0.42, 0.40])),
                 LesionKind::Ulcer => mix(scaled([0.85, 0.42, 0.40]), soft(0.12), albedo),
                 LesionKind::Bleeding => mix([0.33, 0.018, 0.016], soft(0.10), albedo),
                 LesionKind::Patch => mix(scaled([0.97, 0.58, 0.60]), soft(0.6), albedo),

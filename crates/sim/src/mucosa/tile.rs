@@ -162,7 +162,7 @@ fn heights(relief: Relief, key: Key) -> Vec<f32> {
     let waves = |count: usize, key: Key| lattice(count, key);
     let (coarse, fine, bumps, scale) = match relief {
         Relief::Crypts => (waves(14, key.at(1)), waves(70, key.at(2)), cells(110, key.at(3)), [0.12, 0.012, 0.014]),
-        Relief::Areae => (waves(10, key.at(1)), waves(60, key.at(2)), cells(19, key.at(3)), [0.16, 0.020, 0.055]),
+        Relief::Areae => (waves(10, key.at(1)), waves(60, key.at(2)), cells(19, key.at(3)), [0.16, 0.020, 0.035]),
         Relief::Villi => (waves(16, key.at(1)), waves(90, key.at(2)), cells(84, key.at(3)), [0.12, 0.020, 0.13]),
     };
     (0..SIDE * SIDE).map(|i| scale[0] * coarse[i] + scale[1] * fine[i] + scale[2] * bumps[i]).collect()
