@@ -16,7 +16,7 @@
 //! | [`tables`], [`table`] | its tables |
 //! | [`verdict`] | its words |
 //! | [`page`] | the HTML |
-//! | [`write`] | everything into files |
+//! | [`mod@write`] | everything into files |
 //!
 //! All of it is deterministic: the same input gives the same bytes.
 
