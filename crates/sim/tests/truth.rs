@@ -101,9 +101,9 @@ fn without_effects_pictures_are_the_light_model() {
         // The paint is filtered over the part of the wall that the pixel covers.
         let footprint_m = hit.distance_m * optics.pixel_rad() / cosine.max(0.25).sqrt();
         let albedo = mucosa.material(&anatomy, &hit, footprint_m).albedo;
-        for channel in 0..3 {
+        for (channel, albedo) in albedo.into_iter().enumerate() {
             // Radiance of a Lambertian wall under a lamp at the lens: albedo cos / r^2.
-            let model = albedo[channel] * cosine / (hit.distance_m * hit.distance_m);
+            let model = albedo * cosine / (hit.distance_m * hit.distance_m);
             assert!((sample.diffuse[channel] / model - 1.0).abs() < 0.01 || cosine < 1e-6);
             let value = f64::from(developed.image.rgb()[3 * at + channel]) / 255.0;
             let expected = (model * developed.gain).min(1.0);

@@ -64,8 +64,8 @@ fn read_obj(path: &Path) -> Result<Soup, SimError> {
     let options =
         tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     std::fs::metadata(path).map_err(|error| endoscape_frames::FramesError::io(path, "read", error))?;
-    let (models, materials) =
-        tobj::load_obj(path, &options).map_err(|error| damaged(format!("is no readable OBJ file ({})", one_line(&error))))?;
+    let (models, materials) = tobj::load_obj(path, &options)
+        .map_err(|error| damaged(format!("is no readable OBJ file ({})", one_line(&error))))?;
     let mut soup = Soup::default();
     for tobj::Model { mesh, .. } in models {
         let first = soup.points.len() as u32;

@@ -88,11 +88,10 @@ impl Net {
     pub fn bounds(&self, cell: u32) -> (Vector3<f64>, Vector3<f64>) {
         let rows = self.support(cell).map(|row| bezier([row[0], row[1], row[2], row[3]]));
         let (mut low, mut high) = (rows[1][0], rows[1][0]);
-        for column in 0..4 {
-            for point in bezier([rows[0][column], rows[1][column], rows[2][column], rows[3][column]]) {
-                low = low.inf(&point);
-                high = high.sup(&point);
-            }
+        let columns = (0..4).map(|column| rows.map(|row| row[column]));
+        for point in columns.flat_map(bezier) {
+            low = low.inf(&point);
+            high = high.sup(&point);
         }
         (low, high)
     }
