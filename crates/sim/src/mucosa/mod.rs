@@ -210,7 +210,7 @@ impl Mucosa {
                 let slope = spread(along) * texel.slope[0] * cell_m + spread(around) * texel.slope[1] * cell_m;
                 (texel, slope)
             }
-            _ => self.mixed_by_normal(&place.rest, &hit.shading_normal, footprint_m),
+            _ => self.three_sided(&place.rest, &hit.shading_normal, footprint_m),
         }
     }
 
@@ -222,12 +222,7 @@ impl Mucosa {
     }
 
     /// The tile laid on from three sides and mixed by the normal: for walls without a layout of their own.
-    fn mixed_by_normal(
-        &self,
-        rest: &Vector3<f64>,
-        normal: &Vector3<f64>,
-        footprint_m: f64,
-    ) -> (tile::Texel, Vector3<f64>) {
+    fn three_sided(&self, rest: &Vector3<f64>, normal: &Vector3<f64>, footprint_m: f64) -> (tile::Texel, Vector3<f64>) {
         let weights = normal.map(|x| x.abs().powi(6));
         let weights = weights / weights.sum();
         let p = rest / Tile::EXTENT_M;

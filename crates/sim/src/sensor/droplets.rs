@@ -9,7 +9,7 @@ const DROPS: u64 = 7;
 /// How much of the picture a drop shows across its width.
 const SHRUNKEN: f64 = 3.2;
 
-struct Drop {
+struct Droplet {
     x: f64,
     y: f64,
     radius: f64,
@@ -23,25 +23,21 @@ pub fn cling(light: &mut Light, cover: &mut [f32], size: Size, key: Key, time_s:
         let rows = ((drop.y - reach).max(0.0) as usize)..((drop.y + reach).max(0.0) as usize + 1).min(size.height);
         for y in rows {
             for x in ((drop.x - reach).max(0.0) as usize)..((drop.x + reach).max(0.0) as usize + 1).min(size.width) {
+                let Some((colour, edge)) = refract(&dry, size, &drop, (x, y)) else { continue };
                 let at = y * size.width + x;
-                (light[at], cover[at]) = refracted((light[at], cover[at]), &dry, size, &drop, (x, y));
+                light[at] = std::array::from_fn(|c| light[at][c] * (1.0 - edge) + colour[c] * edge);
+                cover[at] = cover[at].max(edge);
             }
         }
     }
 }
 
-/// Light and cover of a pixel with a drop over it.
-fn refracted(
-    (light, cover): ([f32; 3], f32),
-    dry: &Light,
-    size: Size,
-    drop: &Drop,
-    (x, y): (usize, usize),
-) -> ([f32; 3], f32) {
+/// What a drop shows in a pixel, and how much of the pixel it covers; `None` beside the drop.
+fn refract(dry: &Light, size: Size, drop: &Droplet, (x, y): (usize, usize)) -> Option<([f32; 3], f32)> {
     let (dx, dy) = ((x as f64 - drop.x) / drop.radius, (y as f64 - drop.y) / drop.radius);
     let share = dx.hypot(dy);
     if share >= 1.0 {
-        return (light, cover);
+        return None;
     }
     // Upside down, wider towards the rim, as through a ball.
     let bend = SHRUNKEN * drop.radius * (1.0 + share * share);
@@ -51,10 +47,10 @@ fn refracted(
     // A dark rim, and a soft edge where the film of water thins out.
     let rim = (1.0 - 0.55 * share.powi(6)) as f32;
     let edge = (((1.0 - share) * drop.radius) / 1.5).min(1.0) as f32;
-    (std::array::from_fn(|c| light[c] * (1.0 - edge) + source[c] * rim * edge), cover.max(edge))
+    Some((source.map(|value| value * rim), edge))
 }
 
-fn at_time(key: Key, size: Size, time_s: f64) -> Drop {
+fn at_time(key: Key, size: Size, time_s: f64) -> Droplet {
     let mut series = key.series();
     let (width, height) = (size.width as f64, size.height as f64);
     let (x, y) = (series.range(0.1, 0.9) * width, series.range(-0.1, 1.1) * height);
@@ -62,5 +58,5 @@ fn at_time(key: Key, size: Size, time_s: f64) -> Drop {
     let crawl = series.range(0.001, 0.01) * height;
     let wobble = Wander::new(series.key(), 5.0);
     let y = (y + crawl * time_s + radius).rem_euclid(height + 2.0 * radius) - radius;
-    Drop { x: x + 0.006 * width * wobble.at(time_s), y, radius }
+    Droplet { x: x + 0.006 * width * wobble.at(time_s), y, radius }
 }

@@ -88,8 +88,8 @@ impl Net {
     pub fn bounds(&self, cell: u32) -> (Vector3<f64>, Vector3<f64>) {
         let rows = self.support(cell).map(|row| bezier([row[0], row[1], row[2], row[3]]));
         let (mut low, mut high) = (rows[1][0], rows[1][0]);
-        let column = |at: usize| rows.each_ref().map(|row| row[at]);
-        for point in (0..4).flat_map(|at| bezier(column(at))) {
+        let columns = (0..4).map(|column| rows.map(|row| row[column]));
+        for point in columns.flat_map(bezier) {
             low = low.inf(&point);
             high = high.sup(&point);
         }
