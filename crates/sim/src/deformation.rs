@@ -86,31 +86,52 @@ impl Deformation {
         self.peristalsis.is_none() && self.breathing.is_none() && self.contractions.is_empty()
     }
 
-    /// Position of a vertex at a time.
-    pub fn position(&self, vertex: &Vertex, time_s: f64) -> Vector3<f64> {
-        let tightened = vertex.rest + vertex.inward * self.squeeze(vertex.along_m, vertex.around_rad, time_s);
-        tightened + self.swing(&vertex.rest, time_s)
+    /// The deformation at a time, with everything worked out that all vertices share.
+    pub fn at(&self, time_s: f64) -> Deformed<'_> {
+        // Inspiration is quicker than expiration.
+        let breath_m = self.breathing.map_or(0.0, |Breathing { amplitude_m, period_s }| {
+            let phase = TAU * time_s / period_s;
+            amplitude_m * (phase + 0.35 * phase.sin()).sin()
+        });
+        let tensions = self.contractions.iter().map(|place| place.depth * (0.5 + 0.5 * place.course.at(time_s)));
+        Deformed { deformation: self, time_s, breath_m, tensions: tensions.collect() }
+    }
+}
+
+/// A deformation at one moment.
+#[derive(Clone, Debug)]
+pub struct Deformed<'a> {
+    deformation: &'a Deformation,
+    time_s: f64,
+    /// How far the breath has come, metres.
+    breath_m: f64,
+    /// Present depth of every contraction.
+    tensions: Vec<f64>,
+}
+
+impl Deformed<'_> {
+    /// Position of a vertex.
+    pub fn position(&self, vertex: &Vertex) -> Vector3<f64> {
+        let tightened = vertex.rest + vertex.inward * self.squeeze(vertex.along_m, vertex.around_rad);
+        tightened + self.swing(&vertex.rest)
     }
 
     /// How much everything at a place is carried along by breathing, metres.
     ///
     /// Downwards (world y) and a little forwards, more on one side than the other, as the diaphragm pushes.
-    pub fn swing(&self, place: &Vector3<f64>, time_s: f64) -> Vector3<f64> {
-        let Some(Breathing { amplitude_m, period_s }) = self.breathing else { return Vector3::zeros() };
-        let phase = TAU * time_s / period_s;
-        // Inspiration is quicker than expiration.
-        let breath = (phase + 0.35 * phase.sin()).sin();
+    pub fn swing(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let nearness = 1.0 / (1.0 + ((place.y + 0.1) / 0.25).powi(2));
-        Vector3::new(0.15, 1.0, 0.3) * (amplitude_m * breath * nearness)
+        Vector3::new(0.15, 1.0, 0.3) * (self.breath_m * nearness)
     }
 
     /// Share by which the wall has moved towards the middle, 0 to [`TIGHTEST`].
-    fn squeeze(&self, along_m: f64, around_rad: f64, time_s: f64) -> f64 {
-        let wave = self.peristalsis.map_or(0.0, |train| train.squeeze(along_m, around_rad, time_s));
-        let open = self
-            .contractions
+    fn squeeze(&self, along_m: f64, around_rad: f64) -> f64 {
+        let Deformation { peristalsis, contractions, .. } = self.deformation;
+        let wave = peristalsis.map_or(0.0, |train| train.squeeze(along_m, around_rad, self.time_s));
+        let open = contractions
             .iter()
-            .fold(1.0 - wave, |open, place| open * (1.0 - place.squeeze(along_m, around_rad, time_s)));
+            .zip(&self.tensions)
+            .fold(1.0 - wave, |open, (place, tension)| open * (1.0 - tension * place.share(along_m, around_rad)));
         // A smooth limit: nearly the sum while small, never beyond the tightest.
         TIGHTEST * ((1.0 - open) / TIGHTEST).tanh()
     }
@@ -126,13 +147,14 @@ impl Peristalsis {
 }
 
 impl Contraction {
-    fn squeeze(&self, along_m: f64, around_rad: f64, time_s: f64) -> f64 {
+    /// How much of the contraction reaches a place, 0 to 1.
+    fn share(&self, along_m: f64, around_rad: f64) -> f64 {
         let along = (along_m - self.along_m) / self.width_m;
         if along.abs() > 4.0 {
             return 0.0;
         }
         let side = 0.5 + 0.5 * (around_rad - self.around_rad).cos();
-        self.depth * (0.5 + 0.5 * self.course.at(time_s)) * side * (-along * along).exp()
+        side * (-along * along).exp()
     }
 }
 
@@ -150,7 +172,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_lumen_never_closes(along_m in 0.0..0.5_f64, around_rad in 0.0..TAU, time_s in 0.0..500.0_f64) {
-            let squeeze = lively().squeeze(along_m, around_rad, time_s);
+            let squeeze = lively().at(time_s).squeeze(along_m, around_rad);
             prop_assert!((0.0..TIGHTEST).contains(&squeeze));
         }
     }
@@ -164,10 +186,10 @@ mod tests {
             around_rad: 0.3,
             fold: 0.0,
         };
-        assert_eq!(Deformation::none().position(&vertex, 7.0), vertex.rest);
+        assert_eq!(Deformation::none().at(7.0).position(&vertex), vertex.rest);
         let train = Peristalsis { depth: 0.3, wavelength_m: 0.06, width_m: 0.01, speed_m_s: 0.004 };
         let waves = Deformation::new(Key::new(1), 0.5, Some(train), None, false);
         let later = Vertex { along_m: vertex.along_m + 0.004 * 2.5, ..vertex };
-        assert!((waves.position(&vertex, 1.0) - waves.position(&later, 3.5)).norm() < 1e-12);
+        assert!((waves.at(1.0).position(&vertex) - waves.at(3.5).position(&later)).norm() < 1e-12);
     }
 }

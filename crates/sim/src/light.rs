@@ -94,7 +94,12 @@ impl Lamps {
             if off_axis <= 0.0 || !visible(lamp) {
                 continue;
             }
-            let spot = if lamp.spot == 0.0 { 1.0 } else { off_axis.powf(lamp.spot) };
+            let spot = match lamp.spot {
+                0.0 => 1.0,
+                // Bare diodes are the usual lamps, and a power is slow.
+                1.0 => off_axis,
+                spot => off_axis.powf(spot),
+            };
             let irradiance = lamp.intensity * spot / (distance * distance);
             let cosine = diffuse_normal.dot(&to_lamp);
             for (channel, wrap) in [0.22, 0.10, 0.07].into_iter().enumerate() {

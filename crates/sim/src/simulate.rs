@@ -227,7 +227,8 @@ impl<'a> Session<'a> {
         let flight = Flight::plan(config.path, anatomy, deformation, config.effects, (duration_s, config.seed))?;
         let mut now = Posed::new(&anatomy.wall);
         if !deformation.is_still() {
-            now.repose(|vertex| deformation.position(vertex, 0.0));
+            let first = deformation.at(0.0);
+            now.repose(|vertex| first.position(vertex));
         }
         let sensor = Sensor::new(config.effects, config.seed, anatomy.usual_distance_m());
         let medium = Medium::new(config.effects, config.seed);
@@ -243,7 +244,8 @@ impl<'a> Session<'a> {
         let interval_s = 1.0 / config.fps;
         let (time_s, next_s) = (self.number as f64 * interval_s, (self.number + 1) as f64 * interval_s);
         if !deformation.is_still() {
-            self.next.repose(|vertex| deformation.position(vertex, next_s));
+            let shape = deformation.at(next_s);
+            self.next.repose(|vertex| shape.position(vertex));
         }
         let now = Moment { wall: &self.now, world_from_camera: self.rows(time_s) };
         let next = Moment { wall: &self.next, world_from_camera: self.rows(next_s) };

@@ -43,8 +43,8 @@ fn the_flow_leads_to_the_next_frames_depth() {
     let (optics, poses) = (Optics::new(config.camera), first_poses(&config, &anatomy));
     let deformation = anatomy.deformation(config.effects);
     let (mut now, mut next) = (Posed::new(&anatomy.wall), Posed::new(&anatomy.wall));
-    now.repose(|vertex| deformation.position(vertex, 0.0));
-    next.repose(|vertex| deformation.position(vertex, 1.0 / config.fps));
+    now.repose(|vertex| deformation.at(0.0).position(vertex));
+    next.repose(|vertex| deformation.at(1.0 / config.fps).position(vertex));
     let mut errors = Vec::new();
     for (at, sample) in a.samples.iter().enumerate() {
         let Some([dx, dy]) = sample.flow else { continue };

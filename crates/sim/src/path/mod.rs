@@ -91,7 +91,7 @@ impl<'a> Flight<'a> {
     pub fn pose(&self, time_s: f64) -> Pose {
         let (place, view) = self.still(self.pace * time_s);
         // The camera lies in the organ and swings with it.
-        Pose::from_parts((place + self.deformation.swing(&place, time_s)).into(), view)
+        Pose::from_parts((place + self.deformation.at(time_s).swing(&place)).into(), view)
     }
 
     /// How much slower than wished the flight is to stay within its limits; 1 if not slowed.

@@ -59,7 +59,10 @@ impl<'a> Posed<'a> {
         let points: Vec<Vector3<f64>> = wall.vertices.iter().map(|vertex| vertex.rest).collect();
         let shape = Shape::new(wall, points);
         let boxes = shape.boxes(wall);
-        let hierarchy = build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
+        // Meeting a patch costs more than walking down the tree, so leaves are small.
+        let small =
+            BvhBuildParams { max_prims_per_leaf: 2, collapse_traversal_cost: 0.5, ..BvhBuildParams::fast_build() };
+        let hierarchy = build_bvh2(&boxes, small, &mut Duration::default());
         Self { wall, shape, hierarchy }
     }
 
