@@ -200,7 +200,8 @@ impl DrawingBackend for Canvas<'_> {
         let down = match style.anchor().v_pos {
             VPos::Top => 0.8,
             VPos::Center => 0.36,
-            VPos::Bottom => -0.1,
+            // Room for what hangs below the line.
+            VPos::Bottom => -0.25,
         } * size;
         let degrees = match style.transform() {
             FontTransform::None => None,
