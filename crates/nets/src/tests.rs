@@ -6,8 +6,8 @@
 use crate::disp_net::SCALES;
 use crate::weights::{NamedArrays, collect, naming};
 use crate::{Checkpoint, DispNet, DispNetConfig, NetsConfig, Network, PoseMaskNet, PoseMaskNetConfig};
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{DType, Device, Distribution, Gradients, Tensor, TensorData};
+use burn::module::{Module, ModuleMapper, Param, ParamId};
+use burn::tensor::{DType, Device, Gradients, Tensor, TensorData};
 use endoscape_core::camera::{Intrinsics, Pinhole};
 use endoscape_core::{Camera, Size};
 use endoscape_synthesis::{
@@ -157,7 +157,42 @@ fn gradients_of_disparities_include_the_way_through_the_finer_scales() {
     }
 }
 
-/// Casts to double precision and moves one number of one parameter.
+/// Numbers in [-1, 1] by SplitMix64: the device's own generator is shared with tests that run at the same time.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn tensor<const D: usize>(&mut self, dims: [usize; D], (middle, reach): (f64, f64), device: &Device) -> Tensor<D> {
+        let values: Vec<f64> = (0..dims.iter().product()).map(|_| middle + reach * self.next()).collect();
+        Tensor::from_data(TensorData::new(values, dims), (device, DType::F64))
+    }
+}
+
+/// A tensor as a parameter, of its own gradient where the device has any.
+fn parameter<const D: usize>(id: ParamId, value: Tensor<D>) -> Param<Tensor<D>> {
+    Param::initialized(id, if value.device().is_autodiff() { value.require_grad() } else { value })
+}
+
+/// Fills every parameter, in double precision.
+struct Fill(Noise);
+
+impl ModuleMapper for Fill {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let (dims, device) = (param.val().dims(), param.val().device());
+        let inputs: usize = dims[1..].iter().product();
+        // Where all inputs are zero, the zero bias of a fresh layer would sit on the kink of the ReLU.
+        let range = if D == 1 { (0.1, 0.05) } else { (0.0, (3.0 / inputs as f64).sqrt()) };
+        parameter(param.id, self.0.tensor(dims, range, &device))
+    }
+}
+
+/// Moves one number of one parameter.
 struct Moved {
     /// Position of the parameter, counting down while the network is walked through, and of the number in it.
     parameter: isize,
@@ -167,19 +202,15 @@ struct Moved {
 
 impl ModuleMapper for Moved {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let fresh = param.val().dtype() != DType::F64;
-        let value = param.val().cast(DType::F64);
-        // Where all inputs are zero, the zero bias of a fresh layer would sit on the kink of the ReLU.
-        let off_the_kink = if fresh && D == 1 { 0.1 } else { 0.0 };
-        let mut numbers: Vec<f64> =
-            value.clone().into_data().iter::<f64>().map(|number| number + off_the_kink).collect();
-        if self.parameter == 0 {
-            numbers[self.element] += self.by;
-        }
         self.parameter -= 1;
+        if self.parameter != -1 {
+            return param;
+        }
+        let value = param.val();
+        let mut numbers: Vec<f64> = value.clone().into_data().iter::<f64>().collect();
+        numbers[self.element] += self.by;
         let options = (&value.device(), DType::F64);
-        let moved = Tensor::from_data(TensorData::new(numbers, value.dims()), options);
-        Param::initialized(param.id, if value.device().is_autodiff() { moved.require_grad() } else { moved })
+        parameter(param.id, Tensor::from_data(TensorData::new(numbers, value.dims()), options))
     }
 }
 
@@ -201,7 +232,6 @@ impl ModuleMapper for Largest<'_> {
 /// Random pictures of 24x20 and tiny networks in double precision.
 fn small_setup(device: &Device) -> Setup {
     let size = Size::new(24, 20);
-    Device::flex().seed(7);
     let disp = DispNetConfig { encoder: [3, 4, 4, 5, 5, 5, 5], decoder: [5, 5, 4, 4, 3, 3, 2], ..Default::default() };
     let pose = PoseMaskNetConfig {
         encoder: [3, 4, 4, 5, 5],
@@ -210,10 +240,8 @@ fn small_setup(device: &Device) -> Setup {
         ..Default::default()
     };
     let Checkpoint { disp, pose, .. } = Checkpoint::init(NetsConfig { disp, pose }, device).unwrap();
-    let view = || {
-        let image: Tensor<4> = Tensor::random([1, 3, 20, 24], Distribution::Uniform(-1.0, 1.0), device);
-        View { image: image.cast(DType::F64), usable: None }
-    };
+    let mut noise = Noise(7);
+    let mut view = || View { image: noise.tensor([1, 3, 20, 24], (0.0, 1.0), device), usable: None };
     let camera = Camera::from_field_of_view(size, 1.2).unwrap();
     let scaling = ObjectiveConfig::port().camera_scaling;
     let sizes = pyramid::sizes(size, SCALES);
@@ -222,8 +250,8 @@ fn small_setup(device: &Device) -> Setup {
         sources: vec![view(), view()],
         cameras: CameraPyramid::new(&[camera], &sizes, scaling, (device, DType::F64)).unwrap(),
     };
-    let unmoved = || Moved { parameter: -1, element: 0, by: 0.0 };
-    Setup { batch, disp: disp.unwrap().map(&mut unmoved()), pose: pose.unwrap().map(&mut unmoved()) }
+    let mut fill = Fill(noise);
+    Setup { batch, disp: disp.unwrap().map(&mut fill), pose: pose.unwrap().map(&mut fill) }
 }
 
 #[test]
