@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Repeats docs/results.md: trains on the bench split and judges the result on seen and unseen frames.
+# Trains on the bench split and judges the result on seen and unseen frames.
 #
 #   scripts/bench_split.sh DATA OUT [MINUTES] [PRESET] [SEED]
 #

@@ -9,7 +9,7 @@
 
 mod common;
 
-use common::{endoscape, fail, json, succeed, tube};
+use common::{Folder, endoscape, fail, json, succeed, tube};
 use std::path::Path;
 
 /// A winding path in the TUM format; each position is off by up to `error`.
@@ -22,25 +22,6 @@ fn tum(error: f64, frames: std::ops::Range<u32>) -> String {
         format!("{} {x} {y} {z} 0 {sin} 0 {cos}\n", f64::from(frame) * 0.04)
     };
     frames.map(line).collect()
-}
-
-struct Folder(tempfile::TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn file(&self, name: &str, contents: impl AsRef<[u8]>) -> String {
-        let path = self.0.path().join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, contents).unwrap();
-        path.display().to_string()
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.path().join(name).display().to_string()
-    }
 }
 
 #[test]

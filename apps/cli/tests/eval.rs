@@ -1,7 +1,15 @@
 //! `endoscape eval`, driven as a user drives it.
 
-#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests fail and speak as tests do")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "helpers of tests fail and speak as tests do"
+)]
 
+mod common;
+
+use common::Folder;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -34,25 +42,6 @@ fn tum(scale: f64, frames: std::ops::Range<u32>) -> String {
         format!("{} {} {} {} 0 {sin} 0 {cos}\n", f64::from(frame) * 0.04, scale * x, scale * y, scale * z)
     };
     frames.map(line).collect()
-}
-
-struct Folder(tempfile::TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn file(&self, name: &str, contents: impl AsRef<[u8]>) -> String {
-        let path = self.0.path().join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, contents).unwrap();
-        path.to_str().unwrap().to_owned()
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.path().join(name).to_str().unwrap().to_owned()
-    }
 }
 
 #[test]
