@@ -22,7 +22,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "endoscape-train",
         &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
     ),
-    ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
+    ("endoscape-odometry", &["endoscape-baselines", "endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     (

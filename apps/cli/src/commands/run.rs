@@ -47,6 +47,9 @@ pub struct Args {
     /// Training run or checkpoint with the networks.
     #[arg(long, value_name = "CKPT")]
     model: Option<PathBuf>,
+    /// Chain the motions of the networks as they are, not sharpened by the pictures.
+    #[arg(long)]
+    networks_only: bool,
     /// Horizontal field of view to assume for an input without calibration.
     #[arg(long, value_name = "DEGREES", value_parser = parse_field_of_view)]
     hfov: Option<f64>,
@@ -228,7 +231,9 @@ impl Args {
         };
         let device = self.device.device.open()?;
         let checkpoint = Checkpoint::load(&model_folder(model), &device)?;
-        let config = OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), self.size);
+        let refine = !self.networks_only;
+        let config =
+            OdometryConfig { refine, ..OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), self.size) };
         Ok(Prepared {
             model: Some(model.display().to_string()),
             lost_below: config.lost_below,
