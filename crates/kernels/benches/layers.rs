@@ -59,12 +59,20 @@ fn main() {
         let mut to = vec![0.5; batch * small_channels * geometry.small_area()];
         let mut weights = vec![0.5; geometry.weights()];
         let (mut workspace, mut sums) = (Workspace::default(), GradientWorkspace::default());
-        let down = Correlation::to_small(&geometry, level);
-        let packed = down.pack(&weights);
-        let small_ms = median_ms(|| down.run(&from, &packed, Epilogue::default(), &mut to, &mut workspace));
-        let up = Correlation::to_large(&geometry, level);
-        let packed = up.pack(&weights);
-        let large_ms = median_ms(|| up.run(&to, &packed, Epilogue::default(), &mut from, &mut workspace));
+        let mut best = [f64::INFINITY; 2];
+        let mut all = String::new();
+        for method in endoscape_kernels::Method::ALL {
+            let Ok(down) = Correlation::to_small(&geometry, level).by(method) else { continue };
+            let packed = down.pack(&weights);
+            let small_ms = median_ms(|| down.run(&from, &packed, Epilogue::default(), &mut to, &mut workspace));
+            let Ok(up) = Correlation::to_large(&geometry, level).by(method) else { continue };
+            let packed = up.pack(&weights);
+            let large_ms = median_ms(|| up.run(&to, &packed, Epilogue::default(), &mut from, &mut workspace));
+            all += &format!("  {small_ms:>7.3} {large_ms:>7.3}");
+            best = [best[0].min(small_ms), best[1].min(large_ms)];
+        }
+        let [small_ms, large_ms] = best;
+        println!("{name:<20} {all}   chosen {:?} {:?}", Correlation::to_small(&geometry, level).method(), Correlation::to_large(&geometry, level).method());
         let weights_ms = median_ms(|| weight_gradient(&geometry, level, &from, &to, &mut weights, &mut sums));
         let cell = |ms: f64| format!("{ms:>9.3} {:>6.0}", (batch * geometry.operations()) as f64 / ms / 1e6);
         println!("{name:<20} {} {} {}", cell(small_ms), cell(large_ms), cell(weights_ms));

@@ -1,18 +1,25 @@
 //! The products that make a picture: every output pixel is a sum over input channels and taps.
 //!
-//! Both directions of a convolution become the same loop. The input is laid out with zeros around it (`planes.rs`), so
-//! that a tap is a constant offset; then channels of the output are computed a panel at a time, and pixels a tile at a
-//! time (`tile.rs`), each sum in registers from its first product to its last. Going from the small to the large
-//! picture with stride 2, output pixels of even and odd rows and columns see different taps: they are four passes over
-//! the same input, whose results are interleaved when they are stored.
+//! Both directions of a convolution become the same sum (`shape.rs`). The input is laid out with zeros around it
+//! (`planes.rs`), so that a tap is a constant offset from a position. Going from the small to the large picture with
+//! stride 2, output pixels of even and odd rows and columns see different taps: they are four passes over the same
+//! input, whose results are interleaved when they are stored. There are two ways to compute the sums:
+//!
+//! - directly (`direct.rs`): a panel of output channels and a tile of pixels at a time, each sum in registers from its
+//!   first product to its last;
+//! - by Winograd's filtering (`winograd.rs`): tiles of 6 x 6 or 8 x 8 input pixels become as many numbers whose
+//!   products with transformed weights need up to five times fewer multiplications.
 
-mod task;
+mod direct;
+mod pieces;
+mod shape;
+mod winograd;
 
 use crate::geometry::Geometry;
 use crate::level::Level;
-use crate::planes::Planes;
+use pieces::Panel;
 use rayon::prelude::*;
-use std::ops::Range;
+use shape::Shape;
 
 /// What happens to a sum before it is stored.
 #[derive(Clone, Copy, Debug, Default)]
@@ -36,90 +43,79 @@ pub struct PackedWeights {
     values: Vec<f32>,
 }
 
-/// Output channels computed side by side, and their weights: for each pass, `[input channel][tap][channel]`.
-#[derive(Clone, Debug)]
-struct Panel {
-    channels: Range<usize>,
-    /// How many channels the innermost loop computes; beyond those of the panel the weights are zero.
-    width: usize,
-    /// Where the weights of each pass begin.
-    starts: Vec<usize>,
+/// How sums are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Product by product.
+    Direct,
+    /// By Winograd's filtering of tiles of 6 x 6 pixels.
+    Winograd6,
+    /// By Winograd's filtering of tiles of 8 x 8 pixels.
+    Winograd8,
 }
 
-/// A tap: its place in the kernel and the offset of the pixel it sees.
-#[derive(Clone, Copy, Debug)]
-struct Tap {
-    index: usize,
-    offset: usize,
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Direct, Self::Winograd6, Self::Winograd8];
 }
 
 /// One direction of a convolution, prepared for its sizes.
 #[derive(Clone, Debug)]
 pub struct Correlation {
     level: Level,
-    geometry: Geometry,
-    towards_large: bool,
-    source: Planes,
-    /// Channels of the output, and its rows and columns.
-    channels: usize,
-    size: [usize; 2],
-    /// Output pixels per position and direction: 1, or 2 towards the large picture of a stride of 2.
-    spread: usize,
-    /// Positions: rows and columns.
-    grid: [usize; 2],
-    /// For each of the `spread * spread` output pixels of a position, which taps it sees.
-    taps: Vec<Vec<Tap>>,
-    offsets: Vec<Vec<usize>>,
+    shape: Shape,
+    method: Method,
+    plan: Plan,
+}
+
+#[derive(Clone, Debug)]
+enum Plan {
+    Direct(direct::Plan),
+    Winograd(winograd::Plan),
 }
 
 impl Correlation {
     /// From the large to the small picture: a convolution, or the data gradient of a transposed one.
     pub fn to_small(geometry: &Geometry, level: Level) -> Self {
-        let Geometry { kernel, stride, before, large, small, large_channels, small_channels } = *geometry;
-        let reach = (kernel - 1) / stride;
-        let source = Planes::new(large_channels, large, before, stride, [small[0] + reach, small[1] + reach]);
-        let tap = |index: usize| Tap { index, offset: source.offset(index / kernel, index % kernel) };
-        let taps = vec![(0..geometry.taps()).map(tap).collect()];
-        Self::new(*geometry, level, false, source, taps, (small_channels, small, 1))
+        Self::fastest(Shape::to_small(geometry), level)
     }
 
     /// From the small to the large picture: a transposed convolution, or the data gradient of a convolution.
     pub fn to_large(geometry: &Geometry, level: Level) -> Self {
-        let Geometry { kernel, stride, before, large, small, large_channels, small_channels } = *geometry;
-        // `large[s q + r]` sees `small[q + d]` through the tap `r + before - s d`.
-        let lowest = before.map(|before| (kernel - 1).saturating_sub(before).div_ceil(stride));
-        let highest = before.map(|before| before.div_ceil(stride));
-        let grid = large.map(|length| length.div_ceil(stride));
-        let extent = [0, 1].map(|axis| grid[axis] + lowest[axis] + highest[axis]);
-        let source = Planes::new(small_channels, small, lowest, 1, extent);
-        let step = |axis: usize, phase: usize, tap: usize| {
-            let ahead = (phase + before[axis] + stride * lowest[axis]).checked_sub(tap)?;
-            ahead.is_multiple_of(stride).then_some(ahead / stride)
-        };
-        let tap = |phase: [usize; 2], index: usize| {
-            let (row, column) = (step(0, phase[0], index / kernel)?, step(1, phase[1], index % kernel)?);
-            Some(Tap { index, offset: source.offset(row, column) })
-        };
-        let seen = |pass: usize| {
-            let phase = [pass / stride, pass % stride];
-            (0..geometry.taps()).filter_map(|index| tap(phase, index)).collect()
-        };
-        let taps = (0..stride * stride).map(seen).collect();
-        Self::new(*geometry, level, true, source, taps, (large_channels, large, stride))
+        Self::fastest(Shape::to_large(geometry), level)
     }
 
-    fn new(
-        geometry: Geometry,
-        level: Level,
-        towards_large: bool,
-        source: Planes,
-        taps: Vec<Vec<Tap>>,
-        (channels, size, spread): (usize, [usize; 2], usize),
-    ) -> Self {
-        assert!(matches!(geometry.stride, 1 | 2), "strides are 1 or 2");
-        let grid = size.map(|length| length.div_ceil(spread));
-        let offsets = taps.iter().map(|taps| taps.iter().map(|tap| tap.offset).collect()).collect();
-        Self { level, geometry, towards_large, source, channels, size, spread, grid, taps, offsets }
+    fn fastest(shape: Shape, level: Level) -> Self {
+        assert!(matches!(shape.geometry.stride, 1 | 2), "strides are 1 or 2");
+        let direct = direct::Plan::new(&shape);
+        let (mut least, mut method) = (direct.cost(&shape), Method::Direct);
+        for winograd in [Method::Winograd6, Method::Winograd8] {
+            let cost = winograd::Plan::new(&shape, winograd).map_or(f64::INFINITY, |plan| plan.cost(&shape));
+            if cost < least {
+                (least, method) = (cost, winograd);
+            }
+        }
+        Self { level, shape, method: Method::Direct, plan: Plan::Direct(direct) }.by(method).unwrap_or_else(|same| same)
+    }
+
+    /// The same product by another method, or unchanged as an error if that one cannot compute it.
+    ///
+    /// # Errors
+    /// The product itself, for a kernel that is too large for the method's tiles or that has a single tap.
+    pub fn by(self, method: Method) -> Result<Self, Self> {
+        let plan = match method {
+            Method::Direct => Some(Plan::Direct(direct::Plan::new(&self.shape))),
+            _ => winograd::Plan::new(&self.shape, method).map(Plan::Winograd),
+        };
+        match plan {
+            Some(plan) => Ok(Self { method, plan, ..self }),
+            None => Err(self),
+        }
+    }
+
+    /// How it is computed.
+    pub fn method(&self) -> Method {
+        self.method
     }
 
     /// Brings weights, `[small channels, large channels, kernel, kernel]`, into the order they are read in.
@@ -137,53 +133,34 @@ impl Correlation {
     /// # Panics
     /// If the number of weights is not the geometry's.
     pub fn pack_into(&self, weights: &[f32], packed: &mut PackedWeights) {
-        assert_eq!(weights.len(), self.geometry.weights(), "weights of {:?}", self.geometry);
-        packed.panels = self.panels();
-        let ends: Vec<usize> = packed.panels.iter().map(|panel| panel.end(self)).collect();
-        packed.values.resize(ends.last().copied().unwrap_or(0), 0.0);
+        assert_eq!(weights.len(), self.shape.geometry.weights(), "weights of {:?}", self.shape.geometry);
+        let of_a_channel = self.weights_of_a_channel();
+        packed.panels = pieces::panels(self.shape.outputs, self.level.panel_widths(), of_a_channel);
+        packed.values.resize(self.packed_length(packed), 0.0);
         let mut rest = packed.values.as_mut_slice();
         let mut parts = Vec::with_capacity(packed.panels.len());
         for panel in &packed.panels {
-            let (part, after) = rest.split_at_mut(panel.end(self) - panel.starts[0]);
+            let (part, after) = rest.split_at_mut(panel.width * of_a_channel);
             parts.push((panel, part));
             rest = after;
         }
-        parts.into_par_iter().for_each(|(panel, part)| self.pack_panel(weights, panel, part));
+        parts.into_par_iter().for_each(|(panel, part)| match &self.plan {
+            Plan::Direct(plan) => plan.pack(&self.shape, weights, panel, part),
+            Plan::Winograd(plan) => {
+                self.level.run(winograd::Pack { plan, shape: &self.shape, weights, panel, values: part });
+            }
+        });
     }
 
-    fn panels(&self) -> Vec<Panel> {
-        let widths = self.level.panel_widths();
-        let (mut panels, mut channel, mut start) = (Vec::new(), 0, 0);
-        while channel < self.channels {
-            let left = self.channels - channel;
-            // The narrowest panel that takes all that is left, else the widest.
-            let width = *widths.iter().rev().find(|width| **width >= left).unwrap_or(&widths[0]);
-            let mut starts = Vec::with_capacity(self.taps.len());
-            for taps in &self.taps {
-                starts.push(start);
-                start += width * self.source.channels * taps.len();
-            }
-            panels.push(Panel { channels: channel..channel + width.min(left), width, starts });
-            channel += width;
+    fn weights_of_a_channel(&self) -> usize {
+        match &self.plan {
+            Plan::Direct(plan) => plan.weights_of_a_channel(&self.shape),
+            Plan::Winograd(plan) => plan.weights_of_a_channel(&self.shape),
         }
-        panels
     }
 
-    fn pack_panel(&self, weights: &[f32], panel: &Panel, values: &mut [f32]) {
-        let kernel = self.geometry.taps();
-        let large = self.geometry.large_channels;
-        let mut groups = values.chunks_exact_mut(panel.width);
-        for taps in &self.taps {
-            for input in 0..self.source.channels {
-                for (tap, group) in taps.iter().zip(groups.by_ref()) {
-                    for (value, output) in group.iter_mut().zip(panel.channels.clone()) {
-                        let pair = if self.towards_large { input * large + output } else { output * large + input };
-                        *value = weights[pair * kernel + tap.index];
-                    }
-                    group[panel.channels.len()..].fill(0.0);
-                }
-            }
-        }
+    fn packed_length(&self, packed: &PackedWeights) -> usize {
+        packed.panels.last().map_or(0, |panel| panel.start + panel.width * self.weights_of_a_channel())
     }
 
     /// Computes the product for a batch of pictures.
@@ -202,23 +179,24 @@ impl Correlation {
         output: &mut [f32],
         workspace: &mut Workspace,
     ) {
-        let Geometry { large_channels, small_channels, .. } = self.geometry;
-        let sizes = [large_channels * self.geometry.large_area(), small_channels * self.geometry.small_area()];
-        let [from, to] = if self.towards_large { [sizes[1], sizes[0]] } else { sizes };
-        assert!(input.len().is_multiple_of(from), "input of {:?}", self.geometry);
-        assert_eq!(output.len(), input.len() / from * to, "output of {:?}", self.geometry);
-        assert_eq!(weights.values.len(), weights.panels.last().map_or(0, |panel| panel.end(self)));
-        self.source.fill(input, &mut workspace.planes);
-        let source = workspace.planes.as_slice();
-        let work = task::Work { correlation: self, source, weights, epilogue };
-        work.tasks(output).into_par_iter().for_each(|task| self.level.run(task::Run { work: &work, task }));
-    }
-}
-
-impl Panel {
-    /// Where the panel's weights end.
-    fn end(&self, correlation: &Correlation) -> usize {
-        let pairs: usize = correlation.taps.iter().map(Vec::len).sum();
-        self.starts[0] + self.width * correlation.source.channels * pairs
+        let [from, to] = [self.shape.input_length(), self.shape.output_length()];
+        assert!(input.len().is_multiple_of(from), "input of {:?}", self.shape.geometry);
+        assert_eq!(output.len(), input.len() / from * to, "output of {:?}", self.shape.geometry);
+        assert_eq!(weights.values.len(), self.packed_length(weights), "weights of {:?}", self.shape.geometry);
+        let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
+        match &self.plan {
+            Plan::Direct(plan) => {
+                plan.source.fill(input, &mut workspace.planes);
+                let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
+                let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
+                tasks.into_par_iter().for_each(|task| level.run(direct::Run { work: &work, task }));
+            }
+            Plan::Winograd(plan) => {
+                plan.source.fill(input, &mut workspace.planes);
+                let work = winograd::Work { shape, plan, source: &workspace.planes, weights, epilogue };
+                let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
+                tasks.into_par_iter().for_each(|task| level.run(winograd::Run { work: &work, task }));
+            }
+        }
     }
 }

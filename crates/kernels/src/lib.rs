@@ -23,6 +23,7 @@ pub mod geometry;
 pub mod level;
 pub mod photometric;
 mod planes;
+mod points;
 pub mod sampling;
 #[cfg(test)]
 mod tests;
@@ -31,7 +32,7 @@ pub mod weight_gradient;
 
 pub use activation::relu_gradient;
 pub use adam::AdamStep;
-pub use correlation::{Correlation, Epilogue, PackedWeights, Workspace};
+pub use correlation::{Correlation, Epilogue, Method, PackedWeights, Workspace};
 pub use enlarge::enlarge;
 pub use geometry::Geometry;
 pub use level::Level;

@@ -1,8 +1,9 @@
 //! Pictures with zeros around them, laid out so that every tap of a kernel is a constant offset.
 //!
 //! With a border of zeros the pixel a tap sees lies at `position + offset` for all positions, rows run into each other
-//! without a gap, and a tile of pixels may cross the end of a row: what it computes there is thrown away. For stride 2
-//! even and odd rows and columns are kept apart, which makes the steps between neighbours one again.
+//! without a gap, and a tile of pixels may cross the end of a row: what it computes there is thrown away. Where
+//! positions are several pixels apart, rows and columns that lie at the same place between positions (their phase) are
+//! kept together, which makes the steps between neighbours one again.
 
 use rayon::prelude::*;
 
@@ -18,7 +19,7 @@ pub struct Planes {
     size: [usize; 2],
     /// Rows and columns of zeros before the picture.
     before: [usize; 2],
-    /// 2 where even and odd rows and columns are kept apart, else 1.
+    /// Pixels from a position to the next.
     phases: usize,
     /// Numbers from a row to the next.
     pub row_stride: usize,
@@ -79,14 +80,24 @@ impl Planes {
             line[..first].fill(0.0);
             line[first + count..].fill(0.0);
             let inside = &mut line[first..first + count];
-            if self.phases == 1 {
-                inside.copy_from_slice(&source[start..start + count]);
-            } else {
-                // In pairs, which vectors can take apart; an odd last pixel has no partner.
-                let (pairs, last) = source[start..].as_chunks::<2>();
-                inside.iter_mut().zip(pairs).for_each(|(to, [from, _])| *to = *from);
-                inside[pairs.len().min(count)..].iter_mut().zip(last).for_each(|(to, from)| *to = *from);
+            // A phase may have no pixel at all in a small picture.
+            let pixels = source.get(start..).unwrap_or(&[]);
+            match self.phases {
+                1 => inside.copy_from_slice(&pixels[..count]),
+                2 => take_every::<2>(inside, pixels),
+                4 => take_every::<4>(inside, pixels),
+                6 => take_every::<6>(inside, pixels),
+                phases => inside.iter_mut().zip(pixels.iter().step_by(phases)).for_each(|(to, from)| *to = *from),
             }
         }
+    }
+}
+
+/// Takes the first of each `STEP` pixels, in whole groups, which vectors can take apart; the last may be shorter.
+fn take_every<const STEP: usize>(to: &mut [f32], from: &[f32]) {
+    let (groups, rest) = from.as_chunks::<STEP>();
+    to.iter_mut().zip(groups).for_each(|(to, group)| *to = group[0]);
+    if let (Some(to), Some(from)) = (to.get_mut(groups.len()), rest.first()) {
+        *to = *from;
     }
 }

@@ -15,7 +15,7 @@ pub type Sums<S, const M: usize, const N: usize> = [[<S as Simd>::f32s; N]; M];
 
 /// `N` vectors that begin at `values[at]`.
 #[inline(always)]
-fn load<S: Simd, const N: usize>(simd: S, values: &[f32], at: usize) -> [S::f32s; N] {
+pub fn load<S: Simd, const N: usize>(simd: S, values: &[f32], at: usize) -> [S::f32s; N] {
     let (vectors, _) = S::as_simd_f32s(&values[at..][..N * S::F32_LANES]);
     let mut loaded = [simd.splat_f32s(0.0); N];
     loaded.copy_from_slice(&vectors[..N]);
@@ -59,6 +59,21 @@ pub fn correlate<S: Simd, const M: usize, const N: usize>(
             let pixels = load(simd, plane, tap);
             add_products(simd, &mut sums, weights, pixels);
         }
+    }
+    sums
+}
+
+/// `sums[m][p] = sum_channel weights[channel][m] * source[channel][p]`, with `N` vectors in each channel.
+#[inline(always)]
+pub fn multiply<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    source: &[f32],
+    weights: &[[f32; M]],
+) -> Sums<S, M, N> {
+    let mut sums = zero::<S, M, N>(simd);
+    for (channel, weights) in source.chunks_exact(N * S::F32_LANES).zip(weights) {
+        let pixels = load(simd, channel, 0);
+        add_products(simd, &mut sums, weights, pixels);
     }
     sums
 }

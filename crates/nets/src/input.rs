@@ -8,15 +8,24 @@ pub fn network_range(value: f32) -> f32 {
     2.0 * value - 1.0
 }
 
+/// One picture as the networks see it, `[3, height, width]`, RGB in [-1, 1].
+pub fn network_values(image: &Image) -> Vec<f32> {
+    let plane = |channel: usize| image.rgb().iter().skip(channel).step_by(3);
+    (0..3).flat_map(plane).map(|value| network_range(f32::from(*value) / 255.0)).collect()
+}
+
 /// One picture as a tensor.
 ///
 /// # Shapes
 /// - returns: `[1, 3, height, width]`, RGB in [-1, 1]
 pub fn network_input(image: &Image, device: &Device) -> Tensor<4> {
-    let plane = |channel: usize| image.rgb().iter().skip(channel).step_by(3);
-    let values = (0..3).flat_map(plane).map(|value| network_range(f32::from(*value) / 255.0));
     let Size { width, height } = image.size();
-    Tensor::from_data(TensorData::new(values.collect::<Vec<f32>>(), [1, 3, height, width]), device)
+    Tensor::from_data(TensorData::new(network_values(image), [1, 3, height, width]), device)
+}
+
+/// Whether a device is the processor, where plans run faster than layers.
+pub fn is_processor(device: &Device) -> bool {
+    *device == Device::flex()
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
 pub use endoscape_core::Rotation;
 pub use error::NetsError;
 pub use import::Network;
-pub use input::network_input;
+pub use input::{is_processor, network_input, network_values};
 pub use layers::Padding;
 pub use onnx::OnnxOptions;
 pub use plan::{DepthPlan, InferencePlan, MotionPlan};

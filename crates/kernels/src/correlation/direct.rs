@@ -1,9 +1,11 @@
-//! Cutting a product into pieces of work, and doing one piece.
+//! Sums computed product by product, a panel of channels and a tile of pixels at a time.
 
-use super::{Correlation, Epilogue, PackedWeights, Panel};
+use super::pieces::{Cut, Panel, Segment, Task};
+use super::shape::Shape;
+use super::{Epilogue, PackedWeights};
+use crate::planes::Planes;
 use crate::tile::{self, MAX_CHANNELS, MAX_PIXELS};
 use pulp::{Simd, WithSimd};
-use std::ops::Range;
 
 /// Numbers of input a piece of work may look at, so that they stay in the second level cache.
 const WINDOW: usize = 96 * 1024;
@@ -12,89 +14,87 @@ const MANY_WEIGHTS: usize = 256 * 1024;
 /// Panels of a piece of work where weights are many.
 const PANELS_OF_MANY: usize = 2;
 
+/// How a product is computed directly.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub source: Planes,
+    /// For each pass, where its taps lie, and how many taps the passes before it have.
+    passes: Vec<(Vec<usize>, usize)>,
+}
+
+impl Plan {
+    pub fn new(shape: &Shape) -> Self {
+        let reach = shape.reach();
+        let extent = [0, 1].map(|axis| shape.grid[axis] + reach[axis]);
+        let source = Planes::new(shape.inputs, shape.from, shape.before, shape.step, extent);
+        let (mut passes, mut before) = (Vec::with_capacity(shape.passes.len()), 0);
+        for taps in &shape.passes {
+            passes.push((taps.iter().map(|tap| source.offset(tap.row, tap.column)).collect(), before));
+            before += taps.len();
+        }
+        Self { source, passes }
+    }
+
+    fn taps(&self) -> usize {
+        self.passes.iter().map(|(offsets, _)| offsets.len()).sum()
+    }
+
+    /// Numbers in the weights of an output channel.
+    pub fn weights_of_a_channel(&self, shape: &Shape) -> usize {
+        self.taps() * shape.inputs
+    }
+
+    /// Multiplications of vectors of pixels, about.
+    pub fn cost(&self, shape: &Shape) -> f64 {
+        (shape.grid[0] * self.source.row_stride * self.taps() * shape.inputs * shape.outputs) as f64
+    }
+
+    /// Weights of a panel: for each pass, `[input channel][tap][channel]`.
+    pub fn pack(&self, shape: &Shape, weights: &[f32], panel: &Panel, values: &mut [f32]) {
+        let mut groups = values.chunks_exact_mut(panel.width);
+        for taps in &shape.passes {
+            for input in 0..shape.inputs {
+                for (tap, group) in taps.iter().zip(groups.by_ref()) {
+                    for (value, output) in group.iter_mut().zip(panel.channels.clone()) {
+                        *value = weights[shape.weight(output, input, tap.index)];
+                    }
+                    group[panel.channels.len()..].fill(0.0);
+                }
+            }
+        }
+    }
+}
+
 /// A product to be computed.
 pub struct Work<'a> {
-    pub correlation: &'a Correlation,
+    pub shape: &'a Shape,
+    pub plan: &'a Plan,
     pub source: &'a [f32],
     pub weights: &'a PackedWeights,
     pub epilogue: Epilogue<'a>,
 }
 
-/// Some panels of some rows.
-pub struct Task<'a> {
-    panels: Range<usize>,
-    segments: Vec<Segment<'a>>,
-}
-
-/// Rows of one picture, as far as a task writes them.
-struct Segment<'a> {
-    picture: usize,
-    /// First row of positions, and how many.
-    first_row: usize,
-    rows: usize,
-    /// The rows of each channel of the task's panels.
-    channels: Vec<&'a mut [f32]>,
-}
-
-/// How a product is cut.
-struct Cut {
-    rows: usize,
-    segments_per_task: usize,
-    panels_per_task: usize,
-}
-
 impl Work<'_> {
-    fn cut(&self, pictures: usize) -> Cut {
-        let Correlation { source, grid, .. } = self.correlation;
+    pub fn cut(&self, pictures: usize) -> Cut {
+        let (source, grid_rows) = (&self.plan.source, self.shape.grid[0]);
+        let lines_per_row = self.shape.spread;
         let panels = self.weights.panels.len();
         let many = self.weights.values.len() > MANY_WEIGHTS;
         let picture = source.picture_stride();
         if many && picture <= 2 * WINDOW {
-            let together = (2 * WINDOW / picture.max(1)).clamp(1, pictures);
-            return Cut { rows: grid[0], segments_per_task: together, panels_per_task: PANELS_OF_MANY.min(panels) };
+            let segments_per_task = (2 * WINDOW / picture.max(1)).clamp(1, pictures);
+            let panels_per_task = PANELS_OF_MANY.min(panels);
+            return Cut { rows: grid_rows, lines_per_row, grid_rows, segments_per_task, panels_per_task };
         }
-        let of_a_row = (source.channels * source.row_stride * self.correlation.geometry.stride).max(1);
+        let of_a_row = (source.channels * source.row_stride * self.shape.geometry.stride).max(1);
         let wanted = (WINDOW / of_a_row).max(MAX_PIXELS / source.row_stride + 1);
         // Equal pieces, and at least a few of them.
-        let pieces = grid[0].div_ceil(wanted).max(4_usize.div_ceil(pictures).min(grid[0]));
-        let rows = grid[0].div_ceil(pieces);
-        let segments = pictures * grid[0].div_ceil(rows);
+        let pieces = grid_rows.div_ceil(wanted).max(4_usize.div_ceil(pictures).min(grid_rows));
+        let rows = grid_rows.div_ceil(pieces);
+        let segments = pictures * grid_rows.div_ceil(rows);
         let groups = (4 * rayon::current_num_threads()).div_ceil(segments).min(panels);
-        Cut { rows, segments_per_task: 1, panels_per_task: panels.div_ceil(groups.max(1)) }
-    }
-
-    /// Pieces that together write all of `output`.
-    pub fn tasks<'a>(&self, output: &'a mut [f32]) -> Vec<Task<'a>> {
-        let Correlation { size, spread, grid, channels, .. } = *self.correlation;
-        let pictures = output.len() / (channels * size[0] * size[1]).max(1);
-        let Cut { rows, segments_per_task, panels_per_task } = self.cut(pictures);
-        let width = self.weights.panels.first().map_or(1, |panel| panel.width);
-        let per_picture = grid[0].div_ceil(rows);
-        let segment_groups = (pictures * per_picture).div_ceil(segments_per_task);
-        let panel_groups = self.weights.panels.len().div_ceil(panels_per_task);
-        let task = |index: usize| {
-            let (segments, panels) = (index / panel_groups, index % panel_groups);
-            let segments =
-                segments * segments_per_task..((segments + 1) * segments_per_task).min(pictures * per_picture);
-            let panels = panels * panels_per_task..((panels + 1) * panels_per_task).min(self.weights.panels.len());
-            let segment = |segment: usize| {
-                let first_row = segment % per_picture * rows;
-                let rows = rows.min(grid[0] - first_row);
-                let channels = Vec::with_capacity(panels.len() * width);
-                Segment { picture: segment / per_picture, first_row, rows, channels }
-            };
-            Task { segments: segments.map(segment).collect(), panels: panels.clone() }
-        };
-        let mut tasks: Vec<Task<'a>> = (0..segment_groups * panel_groups).map(task).collect();
-        for (index, plane) in output.chunks_mut(size[0] * size[1]).enumerate() {
-            let (picture, channel) = (index / channels, index % channels);
-            for (piece, lines) in plane.chunks_mut(rows * spread * size[1]).enumerate() {
-                let segment = picture * per_picture + piece;
-                let group = segment / segments_per_task * panel_groups + channel / width / panels_per_task;
-                tasks[group].segments[segment % segments_per_task].channels.push(lines);
-            }
-        }
-        tasks
+        let panels_per_task = panels.div_ceil(groups.max(1));
+        Cut { rows, lines_per_row, grid_rows, segments_per_task: 1, panels_per_task }
     }
 }
 
@@ -143,7 +143,7 @@ struct Strip<'a, 'b> {
 impl Strip<'_, '_> {
     #[inline(always)]
     fn run<S: Simd, const M: usize, const N: usize>(&mut self, simd: S) {
-        let Correlation { source, grid, spread, .. } = self.work.correlation;
+        let (source, Shape { grid, spread, .. }) = (&self.work.plan.source, self.work.shape);
         // What lies beyond the last column of the last row is nobody's pixel.
         let positions = (self.segment.rows - 1) * source.row_stride + grid[1];
         for phase in 0..*spread {
@@ -168,14 +168,14 @@ impl Strip<'_, '_> {
         position: usize,
         positions: usize,
     ) -> usize {
-        let Correlation { source, spread, offsets, .. } = self.work.correlation;
+        let Plan { source, passes } = self.work.plan;
+        let spread = self.work.shape.spread;
         let start = self.segment.picture * source.picture_stride() + self.segment.first_row * source.row_stride;
         let pixels = &self.work.source[start + position..];
-        for column in 0..*spread {
-            let pass = phase * spread + column;
-            let taps = &offsets[pass];
-            let length = M * source.channels * taps.len();
-            let (weights, _) = self.work.weights.values[self.panel.starts[pass]..][..length].as_chunks::<M>();
+        for column in 0..spread {
+            let (taps, taps_before) = &passes[phase * spread + column];
+            let first = self.panel.start + M * source.channels * taps_before;
+            let (weights, _) = self.work.weights.values[first..][..M * source.channels * taps.len()].as_chunks::<M>();
             let mut sums = tile::correlate::<S, M, N>(simd, pixels, source.channel_stride, taps, weights);
             self.finish::<S, M, N>(simd, &mut sums);
             for (line, sums) in self.scratch[column].iter_mut().zip(&sums) {
@@ -206,7 +206,7 @@ impl Strip<'_, '_> {
     /// Puts `count` positions of the scratch into the rows they belong to.
     #[inline(always)]
     fn store(&mut self, phase: usize, position: usize, count: usize) {
-        let Correlation { source, grid, spread, size, .. } = self.work.correlation;
+        let (source, Shape { grid, spread, size, .. }) = (&self.work.plan.source, self.work.shape);
         let channels = self.first..self.first + self.panel.channels.len();
         let mut done = 0;
         while done < count {
