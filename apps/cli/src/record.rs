@@ -43,6 +43,7 @@ impl Recorder {
 #[cfg(not(feature = "rerun"))]
 mod absent {
     use super::{Path, PathBuf, Sequence, Study};
+    use endoscape_report::ReportError;
 
     /// There is none.
     pub enum Recording {}
@@ -57,7 +58,7 @@ mod absent {
             )
         }
 
-        pub fn write(self, _: &Study, _: &[Option<&Sequence>]) -> anyhow::Result<PathBuf> {
+        pub fn write(self, _: &Study, _: &[Option<&Sequence>]) -> Result<PathBuf, ReportError> {
             match self {}
         }
     }

@@ -7,11 +7,11 @@ use crate::figure::Ink;
 use crate::study::{MethodStudy, SequenceStudy, Study};
 use endoscape_core::{Camera, Size};
 use endoscape_frames::Sequence;
+use re_sdk::EntityPath;
 use re_sdk::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Grid, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
     TextLogView, TimePanel, TimeSeriesView, Vertical, components::PanelState,
 };
-use re_sdk::{EntityPath, EntityPathPart};
 use re_sdk_types::components::Color;
 
 /// One sequence of a study with its frames.
@@ -33,7 +33,7 @@ pub(super) fn scenes<'a>(study: &'a Study, sequences: &[Option<&'a Sequence>]) -
 
 impl Scene<'_> {
     fn root(&self) -> EntityPath {
-        EntityPath::new(vec![EntityPathPart::new(self.study.name.as_str())])
+        EntityPath::from_single_string(self.study.name.as_str())
     }
 
     /// Where the truth is.
@@ -43,7 +43,7 @@ impl Scene<'_> {
 
     /// Where a method is. Those called `truth` share its place, which only a user who wants it so can bring about.
     pub(super) fn method(&self, method: &MethodStudy) -> EntityPath {
-        self.root().join(&EntityPath::new(vec![EntityPathPart::new(method.name.as_str())]))
+        self.root().join(&EntityPath::from_single_string(method.name.as_str()))
     }
 
     /// Where its confidence is.
@@ -95,23 +95,25 @@ pub(super) fn blueprint(scenes: &[Scene<'_>]) -> Blueprint {
 /// Space at the left; pictures and series at the right.
 fn tab(scene: &Scene<'_>) -> ContainerLike {
     let mut right: Vec<ContainerLike> = vec![Grid::new(pictures(scene)).with_grid_columns(2).into()];
-    let mut shares = vec![3.0];
-    let of = |place: fn(&Scene<'_>, &MethodStudy) -> EntityPath| {
-        scene.methods().map(|method| format!("+ {}", place(scene, method))).collect::<Vec<_>>()
+    let mut shares = vec![3.0_f32];
+    let each = |place: &dyn Fn(&MethodStudy) -> EntityPath| -> Vec<String> {
+        scene.methods().map(|method| format!("+ {}", place(method))).collect()
     };
     if scene.methods().any(|method| method.motion.is_some()) {
-        right.push(TimeSeriesView::new("error of position, mm").with_contents(of(Scene::error)).into());
+        right.push(
+            TimeSeriesView::new("error of position, mm").with_contents(each(&|method| scene.error(method))).into(),
+        );
         shares.push(1.0);
     }
     if scene.methods().any(|method| method.run.as_ref().is_some_and(|run| !run.frames.is_empty())) {
-        right.push(TimeSeriesView::new("confidence").with_contents(of(Scene::confidence)).into());
+        right.push(TimeSeriesView::new("confidence").with_contents(each(&|method| scene.confidence(method))).into());
         right.push(TextLogView::new("warnings").with_origin(scene.root()).into());
         shares.extend([1.0, 1.0]);
     }
     let right = Vertical::new(right).with_row_shares(shares);
     Horizontal::new([space(scene), right.into()])
         .with_name(scene.study.name.as_str())
-        .with_column_shares([3.0, 2.0])
+        .with_column_shares([3.0_f32, 2.0])
         .into()
 }
 

@@ -107,10 +107,8 @@ fn poses<'a>(
 ) -> Result<(), ReportError> {
     for (row, (moment, pose)) in poses.enumerate() {
         log.at(moment);
-        let columns =
-            pose.rotation.matrix().column_iter().map(|column| [column.x, column.y, column.z].map(|v| v as f32));
-        let columns: Vec<[f32; 3]> = columns.collect();
-        let rotation = [columns[0], columns[1], columns[2]];
+        let column = |index: usize| [0, 1, 2].map(|row| pose.rotation.matrix()[(row, index)] as f32);
+        let rotation = [column(0), column(1), column(2)];
         log.put(entity, &Transform3D::from_translation_mat3x3(position(pose), rotation))?;
         if row % ROWS == ROWS - 1 {
             log.flush()?;
