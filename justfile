@@ -19,6 +19,11 @@ test:
 test-all:
     cargo test --workspace --locked -- --include-ignored
 
+# recordings for the Rerun viewer: some 170 crates more, and Burn built once again
+test-rerun:
+    cargo clippy -p endoscape-report -p endoscape-cli --all-targets --features endoscape-cli/rerun --locked -- -D warnings
+    cargo test -p endoscape-report -p endoscape-cli --test recording --test record --features endoscape-cli/rerun --locked
+
 # licences, sources, advisories, spelling (needs cargo-deny and typos)
 extra:
     cargo deny check

@@ -10,6 +10,7 @@ mod device;
 mod input;
 mod memory;
 mod progress;
+mod record;
 
 use clap::{Parser, Subcommand};
 use std::io::Write as _;

@@ -4,6 +4,7 @@ use crate::device::DeviceArgs;
 use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
 use crate::memory::peak_memory_mb;
 use crate::progress::Progress;
+use crate::record::{RecordArgs, Recorder};
 use anyhow::{Context as _, bail};
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
 use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
@@ -65,6 +66,8 @@ pub struct Args {
     /// Folder for the results; it must not exist or be empty [default: NAME-METHOD here].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordArgs,
     #[command(flatten)]
     device: DeviceArgs,
     /// Print the summary as JSON.
@@ -165,6 +168,7 @@ struct Config {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut progress = Progress::new();
+    let recorder = args.record.open()?;
     let sequence = args.input.open_assuming(args.hfov)?;
     args.warn(&sequence, &mut progress);
     let mut prepared = args.prepare(&sequence)?;
@@ -180,20 +184,32 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let summary = args.summary(&sequence, prepared, account, (&writer, &out))?;
     writer.finish(&summary)?;
-    let page = write_report(&sequence, &out, &mut progress);
-    report(args.json, &summary, page.as_deref())
+    let pages = write_report(&sequence, &out, recorder, &mut progress)?;
+    report(args.json, &summary, &pages)
 }
 
-/// The page about the run. The results are safe by now, so that a page that cannot be made is a warning.
-fn write_report(sequence: &Sequence, out: &Path, progress: &mut Progress) -> Option<PathBuf> {
+/// What was written about the run, by name.
+type Pages = Vec<(&'static str, PathBuf)>;
+
+/// The page about the run, and the recording if one is asked for. The results are safe by now, so that a page that cannot
+/// be made is a warning.
+fn write_report(sequence: &Sequence, out: &Path, recorder: Recorder, progress: &mut Progress) -> anyhow::Result<Pages> {
     let recorded = Some(sequence).filter(|sequence| !sequence.is_live());
-    match endoscape_report::run_report(out, recorded) {
-        Ok(page) => Some(page),
-        Err(error) => {
-            progress.event(Event::Warned(format!("no report was written: {error}")));
-            None
+    let mut pages = Pages::new();
+    let mut unwritten = |error| progress.event(Event::Warned(format!("no report was written: {error}")));
+    match endoscape_report::judge_run(out, recorded) {
+        Ok(study) => {
+            match endoscape_report::write_run(&study, out) {
+                Ok(page) => pages.push(("report", page)),
+                Err(error) => unwritten(error),
+            }
+            let recording = recorder.write(&study, &[recorded])?;
+            pages.extend(recording.map(|file| ("recording", file)));
         }
+        Err(error) if recorder.is_wanted() => return Err(error.into()),
+        Err(error) => unwritten(error),
     }
+    Ok(pages)
 }
 
 /// Lets Ctrl-C end the run in an orderly way.
@@ -326,7 +342,7 @@ fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
     })
 }
 
-fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<()> {
+fn report(json: bool, summary: &Summary, pages: &Pages) -> anyhow::Result<()> {
     for warning in &summary.warnings {
         // Nothing can be done about a standard error that is closed.
         writeln!(std::io::stderr(), "warning: {warning}").ok();
@@ -345,8 +361,8 @@ fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<
     for (stage, Percentiles { p50, p95, p99, max }) in &summary.stages_ms {
         writeln!(stdout, "  {stage:<12}{p50:>8.2} ms   95 % {p95:>8.2}   99 % {p99:>8.2}   longest {max:>8.2}")?;
     }
-    if let Some(page) = page {
-        writeln!(stdout, "  report      {}", page.display())?;
+    for (name, page) in pages {
+        writeln!(stdout, "  {name:<12}{}", page.display())?;
     }
     Ok(())
 }
