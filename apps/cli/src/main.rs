@@ -9,6 +9,7 @@ mod commands;
 mod device;
 mod input;
 mod memory;
+mod model;
 mod progress;
 mod record;
 

@@ -14,6 +14,7 @@ use crate::optimizer::limit_gradient;
 use crate::run_folder::{RunFolder, RunManifest, Table};
 use crate::schedule::warmup_factor;
 use crate::state::{Progress, TrainState};
+use crate::tensorboard::EventFile;
 use crate::transfer::initial_weights;
 use crate::validation::{Scores, Validator};
 use burn::module::Module;
@@ -89,6 +90,27 @@ pub struct Metrics {
     pub translation: f32,
     /// See [`VitalSigns::rotation`].
     pub rotation_rad: f32,
+}
+
+impl Metrics {
+    /// The figures by the names of their curves.
+    fn curves(&self) -> Vec<(String, f64)> {
+        let curves = [
+            ("loss/total", f64::from(self.total)),
+            ("loss/photometric", f64::from(self.photometric)),
+            ("loss/smoothness", f64::from(self.smoothness)),
+            ("loss/mask", f64::from(self.mask)),
+            ("loss/geometry", f64::from(self.geometry)),
+            ("networks/coverage", f64::from(self.coverage)),
+            ("networks/depth_spread", f64::from(self.depth_spread)),
+            ("networks/reliability", f64::from(self.reliability)),
+            ("networks/translation", f64::from(self.translation)),
+            ("networks/rotation_rad", f64::from(self.rotation_rad)),
+            ("training/learning_rate", self.learning_rate),
+            ("training/steps_per_s", self.steps_per_s),
+        ];
+        curves.map(|(name, value)| (name.to_owned(), value)).into()
+    }
 }
 
 /// Networks that explain a smaller share of the pixels are never the best, however well they explain those.
@@ -184,6 +206,7 @@ struct Session<'a> {
     validator: Validator,
     metrics: Table<Metrics>,
     scores: Table<ScoreLine>,
+    curves: EventFile,
     watch: CollapseWatch,
     /// Begin of the sitting, and seconds of training before it.
     begun: (Instant, f64),
@@ -201,6 +224,7 @@ impl<'a> Session<'a> {
             validator: Validator::new(judged.clone(), &config, &job.device),
             metrics: Table::open(run, "metrics.csv", |row: &Metrics| row.step <= step)?,
             scores: Table::open(run, "validation.csv", |row: &ScoreLine| row.step <= step)?,
+            curves: EventFile::create(run, step)?,
             watch: CollapseWatch::default(),
             begun: (Instant::now(), elapsed_s),
             logged: (step, elapsed_s),
@@ -295,6 +319,7 @@ impl<'a> Session<'a> {
             return Err(TrainError::Diverged { step: row.step, kept: self.saved.0, loss: row.total });
         }
         self.metrics.add(&row)?;
+        self.curves.add_scalars(row.step, &row.curves())?;
         self.logged = (row.step, row.elapsed_s);
         let left_s = row.elapsed_s * (1.0 / self.share_spent() - 1.0).max(0.0);
         let figures = [
@@ -353,6 +378,9 @@ impl<'a> Session<'a> {
         if self.state.progress.validated_at != Some(step) {
             let line = ScoreLine { step, elapsed_s, photometric, light, coverage, depth_abs_rel, depth_d1, ate_m };
             self.scores.add(&line)?;
+            let curves: Vec<_> =
+                scores.named().into_iter().map(|(name, value)| (format!("validation/{name}"), value)).collect();
+            self.curves.add_scalars(step, &curves)?;
             for (name, value) in scores.named() {
                 events.event(Event::Measured { name: format!("validation_{name}"), step, value });
             }

@@ -3,16 +3,15 @@
 use crate::device::DeviceArgs;
 use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
 use crate::memory::peak_memory_mb;
+use crate::model;
 use crate::progress::Progress;
 use crate::record::{RecordArgs, Recorder};
 use anyhow::{Context as _, bail};
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
 use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
 use endoscape_frames::{Sequence, magnet};
-use endoscape_nets::Checkpoint;
 use endoscape_odometry::pipeline::{self, Job};
-use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
-use endoscape_train::model_folder;
+use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, Percentiles, RunWriter};
 use serde::Serialize;
 use signal_hook::consts::SIGINT;
 use std::collections::BTreeMap;
@@ -246,10 +245,8 @@ impl Args {
             bail!("the learned method needs a model; name a training run or checkpoint with --model");
         };
         let device = self.device.device.open()?;
-        let checkpoint = Checkpoint::load(&model_folder(model), &device)?;
-        let refine = !self.networks_only;
-        let config =
-            OdometryConfig { refine, ..OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), self.size) };
+        let (checkpoint, config) = model::load(model, self.size, &device)?;
+        let config = OdometryConfig { refine: !self.networks_only, ..config };
         Ok(Prepared {
             model: Some(model.display().to_string()),
             lost_below: config.lost_below,
