@@ -5,8 +5,9 @@ use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
 use crate::memory::peak_memory_mb;
 use crate::progress::Progress;
 use anyhow::{Context as _, bail};
+use endoscape_baselines::fused::{Fused, FusedConfig, Recorded};
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
-use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
+use endoscape_core::{Event, EventSink as _, MagneticReading, MagneticRig, Odometry, Size};
 use endoscape_frames::{Sequence, magnet};
 use endoscape_nets::Checkpoint;
 use endoscape_odometry::pipeline::{self, Job};
@@ -40,8 +41,9 @@ const METRES: &str = "metres";
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned, direct (from brightness, without a model) or magnetic (from the readings of a
-    /// sequence folder's magnet.csv).
+    /// How motion is estimated: learned, direct (from brightness, without a model), magnetic (from the readings of a
+    /// sequence folder's magnet.csv) or fused (those readings with the learned method where --model is given, else with
+    /// the direct one).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
     /// Training run or checkpoint with the networks.
@@ -75,6 +77,7 @@ enum Method {
     Learned,
     Direct,
     Magnetic,
+    Fused,
 }
 
 impl Method {
@@ -83,6 +86,7 @@ impl Method {
             Self::Learned => "learned",
             Self::Direct => "direct",
             Self::Magnetic => "magnetic",
+            Self::Fused => "fused",
         }
     }
 }
@@ -95,7 +99,8 @@ impl FromStr for Method {
             "learned" => Ok(Self::Learned),
             "direct" => Ok(Self::Direct),
             "magnetic" => Ok(Self::Magnetic),
-            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic")),
+            "fused" => Ok(Self::Fused),
+            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused")),
         }
     }
 }
@@ -219,7 +224,24 @@ impl Args {
             Method::Learned => self.prepare_learned(),
             Method::Direct => prepare_direct(sequence),
             Method::Magnetic => prepare_magnetic(sequence),
+            Method::Fused => self.prepare_fused(sequence),
         }
+    }
+
+    /// The magnet's readings with the camera's motion by another method.
+    fn prepare_fused(&self, sequence: &Sequence) -> anyhow::Result<Prepared> {
+        let (rig, readings) = read_magnet(sequence, Method::Fused)?;
+        let visual = if self.model.is_some() { self.prepare_learned()? } else { prepare_direct(sequence)? };
+        let config = FusedConfig { visual_confidence: visual.lost_below, ..FusedConfig::default() };
+        let fused = Fused::new(config, visual.odometry, rig)?;
+        Ok(Prepared {
+            odometry: Box::new(Recorded::new(fused, readings)),
+            readings: None,
+            unit: METRES,
+            model: visual.model,
+            lost_below: LOST_BELOW,
+            settings: serde_json::json!({ "fused": config, "visual": visual.settings }),
+        })
     }
 
     fn prepare_learned(&self) -> anyhow::Result<Prepared> {
@@ -303,13 +325,7 @@ fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
 }
 
 fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let Some((rig, readings)) = magnet::read(&sequence.root)? else {
-        bail!(
-            "{}: holds no magnet.toml and magnet.csv, which the magnetic method needs; give a sequence folder with the \
-             readings of a magnetic array",
-            sequence.root.display()
-        );
-    };
+    let (rig, readings) = read_magnet(sequence, Method::Magnetic)?;
     let config = MagneticConfig::default();
     Ok(Prepared {
         model: None,
@@ -319,6 +335,19 @@ fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
         readings: Some(readings),
         unit: METRES,
     })
+}
+
+/// The magnet, the array and their readings, which a method needs.
+fn read_magnet(sequence: &Sequence, method: Method) -> anyhow::Result<(MagneticRig, Vec<MagneticReading>)> {
+    let Some(found) = magnet::read(&sequence.root)? else {
+        bail!(
+            "{}: holds no magnet.toml and magnet.csv, which the {} method needs; give a sequence folder with the \
+             readings of a magnetic array",
+            sequence.root.display(),
+            method.name()
+        );
+    };
+    Ok(found)
 }
 
 fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<()> {
