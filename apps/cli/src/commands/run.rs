@@ -100,7 +100,9 @@ impl FromStr for Method {
             "direct" => Ok(Self::Direct),
             "magnetic" => Ok(Self::Magnetic),
             "fused" => Ok(Self::Fused),
-            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused")),
+            _ => Err(format!(
+                "`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused"
+            )),
         }
     }
 }

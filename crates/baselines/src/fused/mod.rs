@@ -109,11 +109,7 @@ impl FusedConfig {
             return Err(BaselineError::Config { name, value, expected: "a finite number above 0" });
         }
         if self.window < FEWEST_SIGHTINGS {
-            return Err(BaselineError::Config {
-                name: "window",
-                value: self.window as f64,
-                expected: "at least 8",
-            });
+            return Err(BaselineError::Config { name: "window", value: self.window as f64, expected: "at least 8" });
         }
         Ok(())
     }

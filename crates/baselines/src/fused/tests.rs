@@ -1,6 +1,6 @@
-//! Simulated capsules: truth on a smooth way, readings of a simulated array with the noise of a real one (see the tests
-//! of the magnetic method), and a camera method whose steps have the errors of published ones: 3 % of each step and 0.2
-//! degrees, in a unit of its own that drifts by a tenth within a minute.
+//! Simulated capsules: truth on a smooth way, readings of a simulated array of 5 x 5 sensors with the noise of a real one
+//! (see the tests of the magnetic method), and a camera method whose steps have the errors of published ones: 3 % of each
+//! step and 0.2 degrees, in a unit of its own that drifts by a tenth within a minute.
 
 use super::*;
 use endoscape_core::magnetic::{HallArray, Magnet};
@@ -29,7 +29,7 @@ fn rig() -> MagneticRig {
     let magnet =
         Magnet { moment_a_m2: 0.25, position_in_camera_m: [0.0, 0.0, -0.012], axis_in_camera: [0.0, 0.0, 1.0] };
     let world_from_array = se3::exp(&Vector6::new(0.2, -0.1, 0.3, 0.3, -0.2, 1.0));
-    MagneticRig::new(magnet, HallArray::grid(8, 8, 0.03, &HallArray::TRIAXIAL, NOISE_TESLA), world_from_array).unwrap()
+    MagneticRig::new(magnet, HallArray::grid(5, 5, 0.05, &HallArray::TRIAXIAL, NOISE_TESLA), world_from_array).unwrap()
 }
 
 /// A capsule that wanders 9 cm above the array, looks about and rolls.
@@ -104,12 +104,22 @@ struct Run {
 
 const NEVER: Range<f64> = -1.0..-0.5;
 
+/// Told how good the simulated camera method is.
+fn config() -> FusedConfig {
+    let floor_rad = 0.2_f64.to_radians();
+    FusedConfig { visual_share: 0.03, visual_floor_m: 1e-5, visual_floor_rad: floor_rad, ..FusedConfig::default() }
+}
+
 fn run(seed: u64, seconds: f64, no_vision: &Range<f64>, no_array: &Range<f64>) -> Run {
+    run_with(config(), seed, seconds, no_vision, no_array)
+}
+
+fn run_with(config: FusedConfig, seed: u64, seconds: f64, no_vision: &Range<f64>, no_array: &Range<f64>) -> Run {
     let (rig, mut random) = (rig(), fastrand::Rng::with_seed(seed));
     let frames = (seconds * FRAMES_PER_S) as usize;
     let vision = Vision::new(&|time_s| truth(&rig, time_s), frames, no_vision, &mut random);
     let mut readings = readings(&rig, seconds, no_array, &mut random).into_iter().peekable();
-    let mut fused = Fused::new(FusedConfig::default(), Box::new(vision), rig.clone()).unwrap();
+    let mut fused = Fused::new(config, Box::new(vision), rig.clone()).unwrap();
     let (mut tracked, mut covariances) = (Vec::new(), Vec::new());
     for index in 0..frames {
         let time_s = index as f64 / FRAMES_PER_S;
@@ -173,8 +183,9 @@ fn parents(seed: u64, seconds: f64) -> ((f64, f64), (f64, f64)) {
 
 #[test]
 fn six_degrees_of_freedom_are_better_than_either_parents() {
-    for seed in [1, 2, 3] {
-        let run = run(seed, 40.0, &NEVER, &NEVER);
+    // Once told how good vision is, and twice with the defaults, which take it for worse.
+    for (seed, config) in [(1, config()), (2, FusedConfig::default()), (3, FusedConfig::default())] {
+        let run = run_with(config, seed, 40.0, &NEVER, &NEVER);
         let fused = errors(&pairs(&run, 5.0..40.0));
         let (array, vision) = parents(seed, 40.0);
         let show = |(m, rad): (f64, f64)| format!("{:.2} mm {:.2} deg", 1e3 * m, rad.to_degrees());
@@ -188,7 +199,8 @@ fn six_degrees_of_freedom_are_better_than_either_parents() {
 fn lengths_are_metres() {
     let run = run(4, 40.0, &NEVER, &NEVER);
     let pairs = pairs(&run, 5.0..40.0);
-    let centre = |of: &dyn Fn(&(Pose, Pose)) -> Vector3<f64>| pairs.iter().map(of).sum::<Vector3<f64>>() / pairs.len() as f64;
+    let centre =
+        |of: &dyn Fn(&(Pose, Pose)) -> Vector3<f64>| pairs.iter().map(of).sum::<Vector3<f64>>() / pairs.len() as f64;
     let (mean, mean_truth) = (centre(&|p| p.0.translation.vector), centre(&|p| p.1.translation.vector));
     let products = pairs.iter().map(|(estimate, truth)| {
         let (e, t) = (estimate.translation.vector - mean, truth.translation.vector - mean_truth);
@@ -215,8 +227,10 @@ fn five_seconds_without_the_camera_cost_the_roll_alone() {
 #[test]
 fn five_seconds_without_the_array_go_on_in_metres() {
     let run = run(6, 40.0, &NEVER, &(20.0..25.0));
+    // 150 steps of vision, 0.2 degrees each about every axis, add up to 0.074 rad; 3 % of each 0.7 mm to 0.5 mm, and 0.074
+    // rad of 70 mm to 5 mm.
     let during = errors(&pairs(&run, 20.0..25.0));
-    assert!(during.0 < 6e-3 && during.1 < 0.05, "{during:?}");
+    assert!(during.0 < 5e-3 && during.1 < 0.074, "{during:?}");
     let after = errors(&pairs(&run, 25.5..40.0));
     assert!(after.0 < 1.5e-3 && after.1 < 0.03, "{after:?}");
     let warned = run.fused[(23.0 * FRAMES_PER_S) as usize].0.warning.as_ref().unwrap();
@@ -245,8 +259,8 @@ fn the_covariance_is_honest() {
     }
     let mean = nees.iter().sum::<f64>() / nees.len() as f64;
     eprintln!("normalised error squared {mean:.2} of 6");
-    // Neighbours share their field's error, so that the band of independent ones does not apply: within a factor of 2.
-    assert!((3.0..12.0).contains(&mean), "{mean}");
+    // Neighbours share their field's error, so that the band of independent ones does not apply: within a factor of 1.5.
+    assert!((4.0..9.0).contains(&mean), "{mean}");
 }
 
 #[test]
@@ -277,7 +291,7 @@ fn observations_that_say_nothing_are_answered() {
     let first = fused.track(&frame(0)).unwrap();
     assert!(first.world_from_camera.is_none() && first.confidence == 0.0 && first.warning.is_some());
     for (index, value) in [None, Some(f64::NAN), Some(1e300), Some(0.0)].into_iter().enumerate() {
-        let field_tesla = vec![value.map(Vector3::from_element); 64];
+        let field_tesla = vec![value.map(Vector3::from_element); 25];
         let reading = MagneticReading { index, time_s: 0.1 * index as f64, field_tesla };
         let tracked = fused.track(&Observation::Magnetic(reading)).unwrap();
         let finite = |pose: Pose| pose.to_homogeneous().iter().all(|x| x.is_finite());
