@@ -3,9 +3,10 @@
 //! step and 0.2 degrees, in a unit of its own that drifts by a tenth within a minute.
 
 use super::*;
+use crate::alignment::aligned;
 use endoscape_core::magnetic::{HallArray, Magnet};
 use endoscape_core::{Image, Size};
-use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector6};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector6};
 use std::f64::consts::TAU;
 use std::ops::Range;
 use std::sync::Arc;
@@ -145,22 +146,6 @@ fn pairs(run: &Run, seconds: Range<f64>) -> Vec<(Pose, Pose)> {
     let frame = |time_s: f64| (time_s * FRAMES_PER_S) as usize;
     let part = &run.fused[frame(seconds.start)..frame(seconds.end).min(run.fused.len())];
     part.iter().map(|(tracked, truth)| (tracked.world_from_camera.unwrap(), *truth)).collect()
-}
-
-/// Poses after the best similarity of their places onto those of the truth (S. Umeyama, 1991).
-fn aligned(poses: &[Pose], truths: &[Pose]) -> Vec<Pose> {
-    let place = |pose: &Pose| pose.translation.vector;
-    let mean = |poses: &[Pose]| poses.iter().map(place).sum::<Vector3<f64>>() / poses.len() as f64;
-    let (from, to) = (mean(poses), mean(truths));
-    let pairs = || poses.iter().map(place).zip(truths.iter().map(place)).map(|(p, t)| (p - from, t - to));
-    let svd = pairs().map(|(p, t)| t * p.transpose()).sum::<Matrix3<f64>>().svd(true, true);
-    let (u, v) = (svd.u.unwrap(), svd.v_t.unwrap());
-    let sign = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v).determinant().signum()));
-    let scale = (sign * Matrix3::from_diagonal(&svd.singular_values)).trace()
-        / pairs().map(|(p, _)| p.norm_squared()).sum::<f64>();
-    let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * sign * v));
-    let moved = |pose: &Pose| Pose::from_parts((turn * (place(pose) - from) * scale + to).into(), turn * pose.rotation);
-    poses.iter().map(moved).collect()
 }
 
 /// What each parent reaches on the same kind of run: the array alone at its readings, and vision alone after the best
