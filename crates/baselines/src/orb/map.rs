@@ -23,9 +23,6 @@ const FEWEST_SHARED: usize = 10;
 /// Largest ratio of a match's differing bits to the second best's, and fewest matches two pictures begin a map with.
 const MATCH_RATIO: f32 = 0.8;
 const FEWEST_MATCHES: usize = 50;
-/// Median angle between the rays of a pair that begins a map, degrees. At kornia-slam's own, 1, sideways motion and a turn
-/// are still mistaken for each other.
-const PARALLAX_DEG: f64 = 2.0;
 /// Frames a map may take to begin: its first picture stays the one all others are compared with, so that after a while
 /// none resembles it.
 const BEGINNING: usize = 30;
@@ -72,9 +69,10 @@ impl Map {
         // kornia-slam's own ratio, 0.6, leaves too few pairs of tissue to begin or grow a map with.
         settings.two_view_init.match_config.nn_ratio = MATCH_RATIO;
         settings.two_view_init.acceptance_config.min_matches = FEWEST_MATCHES;
-        settings.two_view_init.triangulation_config.min_parallax_deg = PARALLAX_DEG;
+        settings.two_view_init.triangulation_config.min_parallax_deg = config.parallax_deg;
         settings.keyframe_policy.min_frames_between = config.keyframe_frames.0;
         settings.keyframe_policy.max_frames_between = config.keyframe_frames.1;
+        settings.keyframe_policy.ref_ratio = config.keyframe_share;
         Self {
             slam: SlamSystem::new(camera.clone(), settings),
             scale: 1.0,

@@ -8,7 +8,7 @@
 //! ```
 //! In the line of R. Mur-Artal, J. Montiel, J. Tardos, "ORB-SLAM" (2015): two views begin a map, projected landmarks give
 //! each frame's pose, keyframes add landmarks, and a local bundle adjustment refines them. kornia-slam 0.1 has all this;
-//! what it leaves out, relocalisation, is [`memory`] (docs/decisions/006).
+//! what it leaves out, relocalisation, is [`memory`] (docs/decisions/007).
 //!
 //! Lengths are in an unknown unit: the middle depth of the first map is 1. Poses are those of the moment; what a later
 //! adjustment would change in them is not taken back. Invariants: every frame yields a [`Tracked`]; the memory holds a
@@ -47,8 +47,13 @@ pub struct OrbConfig {
     pub fast_floor: f64,
     /// Clip limit of the equalisation of contrast; 0 leaves pictures as they are.
     pub clip_limit: f64,
-    /// Fewest and most frames between keyframes. Default 3 and 8, kornia-slam's.
+    /// Median angle between the rays of the pair of pictures that begins a map, degrees, at least. A small one begins
+    /// earlier; at 1 a sideways motion past a nearly flat scene is still mistaken for a turn.
+    pub parallax_deg: f64,
+    /// Fewest and most frames between keyframes.
     pub keyframe_frames: (usize, usize),
+    /// Share of the last keyframe's landmarks below which a frame becomes the next one.
+    pub keyframe_share: f64,
 }
 
 impl OrbConfig {
@@ -61,13 +66,25 @@ impl OrbConfig {
             fast_threshold: 6.0,
             fast_floor: 2.0,
             clip_limit: 3.0,
+            parallax_deg: 2.0,
             keyframe_frames: (3, 8),
+            keyframe_share: 0.6,
         }
     }
 
-    /// For streets and rooms: ORB-SLAM2's settings for KITTI.
+    /// For streets and rooms: ORB-SLAM2's settings for KITTI. Keyframes may follow each other closely, because what is
+    /// seen changes within a few frames.
     pub const fn ordinary() -> Self {
-        Self { width: 1280, fast_threshold: 20.0, fast_floor: 7.0, clip_limit: 0.0, ..Self::endoscopic() }
+        Self {
+            width: 1280,
+            fast_threshold: 20.0,
+            fast_floor: 7.0,
+            clip_limit: 0.0,
+            parallax_deg: 1.0,
+            keyframe_frames: (2, 8),
+            keyframe_share: 0.9,
+            ..Self::endoscopic()
+        }
     }
 
     fn check(&self) -> Result<(), BaselineError> {
@@ -82,6 +99,12 @@ impl OrbConfig {
         }
         if !(0.0..=1000.0).contains(&self.clip_limit) {
             return refuse("clip_limit", self.clip_limit, "a number from 0 to 1000");
+        }
+        if !(0.1..=30.0).contains(&self.parallax_deg) {
+            return refuse("parallax_deg", self.parallax_deg, "a number from 0.1 to 30");
+        }
+        if !(0.0..=1.0).contains(&self.keyframe_share) {
+            return refuse("keyframe_share", self.keyframe_share, "a number from 0 to 1");
         }
         match self.keyframe_frames {
             (least, most) if least >= 1 && least <= most => Ok(()),

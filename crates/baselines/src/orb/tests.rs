@@ -14,7 +14,7 @@ fn camera() -> Camera {
 }
 
 fn config() -> OrbConfig {
-    OrbConfig { features: 800, ..OrbConfig::ordinary() }
+    OrbConfig { features: 800, parallax_deg: 2.0, ..OrbConfig::ordinary() }
 }
 
 /// The camera at a frame: to the right, forwards and turning a little, 2 m from the wall.
