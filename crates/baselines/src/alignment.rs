@@ -10,7 +10,7 @@ pub fn aligned(poses: &[Pose], truths: &[Pose]) -> Vec<Pose> {
     let (from, to) = (mean(poses), mean(truths));
     let pairs = || poses.iter().map(place).zip(truths.iter().map(place)).map(|(p, t)| (p - from, t - to));
     let svd = pairs().map(|(p, t)| t * p.transpose()).sum::<Matrix3<f64>>().svd(true, true);
-    let (u, v) = (svd.u.unwrap(), svd.v_t.unwrap());
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return Vec::new() };
     let sign = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v).determinant().signum()));
     let scale = (sign * Matrix3::from_diagonal(&svd.singular_values)).trace()
         / pairs().map(|(p, _)| p.norm_squared()).sum::<f64>();
