@@ -15,6 +15,11 @@ docs:
 test:
     cargo test --workspace --locked
 
+# ORB SLAM, which default builds leave out (docs/decisions/007)
+test-orb:
+    cargo clippy -p endoscape-baselines --all-targets --features orb --locked -- -D warnings
+    cargo test -p endoscape-baselines --features orb --locked
+
 # slow tests as well
 test-all:
     cargo test --workspace --locked -- --include-ignored

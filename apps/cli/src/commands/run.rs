@@ -7,11 +7,14 @@ use crate::model;
 use crate::progress::Progress;
 use crate::record::{RecordArgs, Recorder};
 use anyhow::{Context as _, bail};
+use endoscape_baselines::fused::{Fused, FusedConfig, Recorded};
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
-use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
+#[cfg(feature = "orb")]
+use endoscape_baselines::{Orb, OrbConfig};
+use endoscape_core::{Camera, Event, EventSink as _, MagneticReading, MagneticRig, Odometry, Size};
 use endoscape_frames::{Sequence, magnet};
 use endoscape_odometry::pipeline::{self, Job};
-use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, Percentiles, RunWriter};
+use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
 use serde::Serialize;
 use signal_hook::consts::SIGINT;
 use std::collections::BTreeMap;
@@ -40,10 +43,15 @@ const METRES: &str = "metres";
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned, direct (from brightness, without a model) or magnetic (from the readings of a
-    /// sequence folder's magnet.csv).
+    /// How motion is estimated: learned, direct (from brightness, without a model), orb (from corners,
+    /// in builds with the feature orb), magnetic (from the readings of a
+    /// sequence folder's magnet.csv) or fused (those readings with the learned method where --model is given, else with
+    /// the direct one).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
+    /// Settings of the orb method: endo for pictures from inside the body, ordinary for streets and rooms.
+    #[arg(long, value_name = "NAME", default_value = "endo")]
+    preset: Preset,
     /// Training run or checkpoint with the networks.
     #[arg(long, value_name = "CKPT")]
     model: Option<PathBuf>,
@@ -79,7 +87,28 @@ pub struct Args {
 enum Method {
     Learned,
     Direct,
+    Orb,
     Magnetic,
+    Fused,
+}
+
+/// What the pictures of the orb method are like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Preset {
+    Endo,
+    Ordinary,
+}
+
+impl FromStr for Preset {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "endo" => Ok(Self::Endo),
+            "ordinary" => Ok(Self::Ordinary),
+            _ => Err(format!("`{text}` is no preset; choose endo or ordinary")),
+        }
+    }
 }
 
 impl Method {
@@ -87,7 +116,9 @@ impl Method {
         match self {
             Self::Learned => "learned",
             Self::Direct => "direct",
+            Self::Orb => "orb",
             Self::Magnetic => "magnetic",
+            Self::Fused => "fused",
         }
     }
 }
@@ -99,8 +130,14 @@ impl FromStr for Method {
         match text {
             "learned" => Ok(Self::Learned),
             "direct" => Ok(Self::Direct),
+            "orb" if cfg!(feature = "orb") => Ok(Self::Orb),
+            "orb" => Err("ORB SLAM is not in this build of endoscape; build it with --features orb".into()),
             "magnetic" => Ok(Self::Magnetic),
-            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic")),
+            "fused" => Ok(Self::Fused),
+            _ => Err(format!(
+                "`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused{}",
+                if cfg!(feature = "orb") { ", orb" } else { "" }
+            )),
         }
     }
 }
@@ -151,7 +188,7 @@ struct DepthSummary {
     unit: &'static str,
     size: Option<Size>,
     /// The camera at that size.
-    camera: Option<endoscape_core::Camera>,
+    camera: Option<Camera>,
 }
 
 /// The call as it was resolved.
@@ -160,7 +197,7 @@ struct Config {
     input: String,
     format: String,
     range: Option<Range<usize>>,
-    camera: Option<endoscape_core::Camera>,
+    camera: Option<Camera>,
     settings: serde_json::Value,
 }
 
@@ -236,8 +273,26 @@ impl Args {
         match self.method {
             Method::Learned => self.prepare_learned(),
             Method::Direct => prepare_direct(sequence),
+            Method::Orb => prepare_orb(sequence, self.preset),
             Method::Magnetic => prepare_magnetic(sequence),
+            Method::Fused => self.prepare_fused(sequence),
         }
+    }
+
+    /// The magnet's readings with the camera's motion by another method.
+    fn prepare_fused(&self, sequence: &Sequence) -> anyhow::Result<Prepared> {
+        let (rig, readings) = read_magnet(sequence, Method::Fused)?;
+        let visual = if self.model.is_some() { self.prepare_learned()? } else { prepare_direct(sequence)? };
+        let config = FusedConfig { visual_confidence: visual.lost_below, ..FusedConfig::default() };
+        let fused = Fused::new(config, visual.odometry, rig)?;
+        Ok(Prepared {
+            odometry: Box::new(Recorded::new(fused, readings)),
+            readings: None,
+            unit: METRES,
+            model: visual.model,
+            lost_below: LOST_BELOW,
+            settings: serde_json::json!({ "fused": config, "visual": visual.settings }),
+        })
     }
 
     fn prepare_learned(&self) -> anyhow::Result<Prepared> {
@@ -303,12 +358,41 @@ impl Args {
     }
 }
 
-fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let Some(camera) = &sequence.camera else {
-        bail!(
-            "the direct method needs the camera; give a calibration with --camera FILE or the field of view with --hfov DEGREES"
-        );
+/// The camera, which a method needs.
+fn known_camera(sequence: &Sequence, method: Method) -> anyhow::Result<&Camera> {
+    sequence.camera.as_ref().with_context(|| {
+        format!(
+            "the {} method needs the camera; give a calibration with --camera FILE or the field of view with --hfov \
+             DEGREES",
+            method.name()
+        )
+    })
+}
+
+#[cfg(feature = "orb")]
+fn prepare_orb(sequence: &Sequence, preset: Preset) -> anyhow::Result<Prepared> {
+    let camera = known_camera(sequence, Method::Orb)?;
+    let config = match preset {
+        Preset::Endo => OrbConfig::endoscopic(),
+        Preset::Ordinary => OrbConfig::ordinary(),
     };
+    Ok(Prepared {
+        model: None,
+        lost_below: LOST_BELOW,
+        settings: serde_json::to_value(config)?,
+        odometry: Box::new(Orb::new(config, camera)?),
+        readings: None,
+        unit: "of the first map's depth, not metres",
+    })
+}
+
+#[cfg(not(feature = "orb"))]
+fn prepare_orb(_sequence: &Sequence, _preset: Preset) -> anyhow::Result<Prepared> {
+    bail!("ORB SLAM is not in this build of endoscape; build it with --features orb")
+}
+
+fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
+    let camera = known_camera(sequence, Method::Direct)?;
     let config = DirectConfig::default();
     Ok(Prepared {
         model: None,
@@ -321,13 +405,7 @@ fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
 }
 
 fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let Some((rig, readings)) = magnet::read(&sequence.root)? else {
-        bail!(
-            "{}: holds no magnet.toml and magnet.csv, which the magnetic method needs; give a sequence folder with the \
-             readings of a magnetic array",
-            sequence.root.display()
-        );
-    };
+    let (rig, readings) = read_magnet(sequence, Method::Magnetic)?;
     let config = MagneticConfig::default();
     Ok(Prepared {
         model: None,
@@ -337,6 +415,19 @@ fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
         readings: Some(readings),
         unit: METRES,
     })
+}
+
+/// The magnet, the array and their readings, which a method needs.
+fn read_magnet(sequence: &Sequence, method: Method) -> anyhow::Result<(MagneticRig, Vec<MagneticReading>)> {
+    let Some(found) = magnet::read(&sequence.root)? else {
+        bail!(
+            "{}: holds no magnet.toml and magnet.csv, which the {} method needs; give a sequence folder with the \
+             readings of a magnetic array",
+            sequence.root.display(),
+            method.name()
+        );
+    };
+    Ok(found)
 }
 
 fn report(json: bool, summary: &Summary, pages: &Pages) -> anyhow::Result<()> {
