@@ -1,7 +1,7 @@
 //! Every product beside a plain loop, on every level of the machine.
 
 use crate::weight_gradient::GradientWorkspace;
-use crate::{Correlation, Epilogue, Geometry, Level, Method, Workspace, bias_gradient, weight_gradient};
+use crate::{Correlation, Epilogue, Geometry, Level, Method, WeightGradient, Workspace, bias_gradient};
 use proptest::prelude::*;
 
 /// All triples of a large pixel, a weight and a small pixel that belong together, as indices.
@@ -67,8 +67,7 @@ fn check(geometry: &Geometry, batch: usize, level: Level) {
         (Correlation::to_large(geometry, level), &small, &expected[0], geometry.large_channels),
     ];
     for (correlation, input, expected, channels) in directions {
-        // Where a method cannot compute the product the one chosen is tried again.
-        for correlation in Method::ALL.map(|method| correlation.clone().by(method).unwrap_or_else(|same| same)) {
+        for correlation in Method::ALL.map(|method| correlation.clone().by(method)) {
             let packed = correlation.pack(&weights);
             for relu in [false, true] {
                 let mut output = vec![f32::NAN; expected.len()];
@@ -85,9 +84,12 @@ fn check(geometry: &Geometry, batch: usize, level: Level) {
             }
         }
     }
-    let mut gradient = vec![f32::NAN; weights.len()];
-    weight_gradient(geometry, level, &large, &small, &mut gradient, &mut GradientWorkspace::default());
-    assert_close(&gradient, &expected[1], 1e-4, &what("weights"));
+    for method in Method::ALL {
+        let mut gradient = vec![f32::NAN; weights.len()];
+        let product = WeightGradient::new(geometry, level).by(method);
+        product.run(&large, &small, &mut gradient, &mut GradientWorkspace::default());
+        assert_close(&gradient, &expected[1], 1e-4, &format!("{method:?} {}", what("weights")));
+    }
 }
 
 /// The geometry of a convolution as the networks pad it.
@@ -162,21 +164,24 @@ fn many_channels_and_wide_pictures_are_cut_correctly() {
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let geometry = convolution([20, 24], 3, 1, false, [33, 47]);
-    let results = |threads: usize| {
+    let results = |threads: usize, method: Method| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let (large, small) = (noise(2 * 20 * 33 * 47, 1), noise(2 * 24 * 33 * 47, 2));
-            let correlation = Correlation::to_small(&geometry, Level::default());
+            let correlation = Correlation::to_small(&geometry, Level::default()).by(method);
             let packed = correlation.pack(&noise(geometry.weights(), 3));
             let mut output = vec![0.0; small.len()];
             correlation.run(&large, &packed, Epilogue::default(), &mut output, &mut Workspace::default());
             let mut gradient = vec![0.0; geometry.weights()];
             let workspace = &mut GradientWorkspace::default();
-            weight_gradient(&geometry, Level::default(), &large, &small, &mut gradient, workspace);
+            let product = WeightGradient::new(&geometry, Level::default()).by(method);
+            product.run(&large, &small, &mut gradient, workspace);
             (output, gradient)
         })
     };
-    assert_eq!(results(1), results(3));
+    for method in Method::ALL {
+        assert_eq!(results(1, method), results(3, method));
+    }
 }
 
 #[test]

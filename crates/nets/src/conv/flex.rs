@@ -8,7 +8,7 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::{Autodiff, Flex, TensorMetadata};
 use burn::tensor::{DType, Shape, Tensor, TensorData};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, bias_gradient, weight_gradient};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, WeightGradient, Workspace, bias_gradient};
 use std::borrow::Cow;
 use std::cell::Cell;
 
@@ -82,7 +82,7 @@ struct Product {
 
 impl Product {
     fn plain(self, [input, weight]: [&Tensor<4>; 2], bias: &Tensor<1>) -> Option<Tensor<4>> {
-        let input = input.clone().try_into_primitive::<Flex>().ok()?;
+        let input = input.clone().try_into_primitive::<Flex>().ok()?.to_contiguous();
         let weight = weight.clone().try_into_primitive::<Flex>().ok()?;
         let bias = bias.clone().try_into_primitive::<Flex>().ok()?;
         Some(Tensor::from_primitive::<Flex>(self.forward(&input, &weight, &bias)))
@@ -93,6 +93,7 @@ impl Product {
         let (input, input_node) = input.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let (weight, weight_node) = weight.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let (bias, bias_node) = bias.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
+        let input = input.to_contiguous();
         let output = self.forward(&input, &weight, &bias);
         let preparation = self.prepare::<burn::backend::autodiff::checkpoint::strategy::NoCheckpointing>([
             input_node,
@@ -145,8 +146,8 @@ impl Product {
         };
         let mut weights = vec![0.0; self.geometry.weights()];
         with_memory(|memory| {
-            let workspace = &mut memory.gradients;
-            weight_gradient(&self.geometry, Level::default(), large, small, &mut weights, workspace);
+            let product = WeightGradient::new(&self.geometry, Level::default());
+            product.run(large, small, &mut weights, &mut memory.gradients);
         });
         tensor(weights, [small_channels, large_channels, kernel, kernel])
     }
@@ -172,12 +173,13 @@ impl Backward<Flex, 3> for Product {
     type State = Kept;
 
     fn backward(self, ops: Ops<Kept, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let gradient = gradients.consume::<Flex>(&ops.node);
+        // Of concatenated features this is a part, which does not lie together.
+        let mut gradient = gradients.consume::<Flex>(&ops.node).to_contiguous();
         let Kept { input, weight, output } = ops.state;
-        let mut gradient = values(&gradient);
-        if let Some(output) = output {
-            gradient = Cow::Owned(endoscape_kernels::relu_gradient(&gradient, &values(&output)));
+        if let (Some(output), Some((start, end))) = (output, gradient.layout().contiguous_offsets()) {
+            endoscape_kernels::relu_gradient(&mut gradient.storage_mut::<f32>()[start..end], &values(&output));
         }
+        let gradient = values(&gradient);
         let [input_node, weight_node, bias_node] = ops.parents;
         if let Some(node) = input_node {
             let back = self.direction.reversed();
