@@ -5,7 +5,7 @@
 
 use divan::{Bencher, counter::ItemsCount};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Method, WeightGradient, Workspace};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Method, Workspace, weight_gradient};
 use std::fmt;
 
 /// Name, channels of the large and the small picture, kernel, stride, rows and columns of the large one.
@@ -82,7 +82,7 @@ fn correlations(direction: fn(&Geometry, Level) -> Correlation) -> Vec<Case> {
 
 /// Gradients of weights of all layers.
 fn gradients() -> Vec<Case> {
-    cases(|geometry| (WeightGradient::new(geometry, Level::default()).method(BATCH), Method::ALL.to_vec()))
+    cases(|_| (Method::Direct, vec![Method::Direct]))
 }
 
 fn correlate(bencher: Bencher, case: &Case, correlation: Correlation, [from, to]: [usize; 2]) {
@@ -117,8 +117,8 @@ fn weights(bencher: Bencher, case: &Case) {
     let large = vec![0.5; BATCH * large_channels * case.geometry.large_area()];
     let small = vec![0.5; BATCH * small_channels * case.geometry.small_area()];
     let (mut weights, mut workspace) = (vec![0.0; case.geometry.weights()], GradientWorkspace::default());
-    let product = WeightGradient::new(&case.geometry, Level::default()).by(case.method);
+    let level = Level::default();
     bencher
         .counter(ItemsCount::new(BATCH * case.geometry.operations()))
-        .bench_local(|| product.run(&large, &small, &mut weights, &mut workspace));
+        .bench_local(|| weight_gradient(&case.geometry, level, &large, &small, &mut weights, &mut workspace));
 }

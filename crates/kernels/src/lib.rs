@@ -7,7 +7,7 @@
 //! | [`sampling`] | pictures read between their pixels, forward and backward |
 //! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
 //! | [`AdamStep`] | the optimiser in one pass |
-//! | [`weight_gradient`] | [`WeightGradient`]: the gradient of the weights, and that of the bias |
+//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights and of the bias |
 //! | [`level`] | [`Level`]: which vector instructions are used |
 //!
 //! Pictures are `[batch, channels, height, width]`, `f32`, contiguous. A transposed convolution is the data gradient
@@ -38,4 +38,4 @@ pub use geometry::Geometry;
 pub use level::Level;
 pub use photometric::Comparison;
 pub use sampling::Sampling;
-pub use weight_gradient::{GradientWorkspace, WeightGradient, bias_gradient};
+pub use weight_gradient::{GradientWorkspace, bias_gradient, weight_gradient};

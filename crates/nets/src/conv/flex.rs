@@ -8,7 +8,7 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::{Autodiff, Flex, TensorMetadata};
 use burn::tensor::{DType, Shape, Tensor, TensorData};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, WeightGradient, Workspace, bias_gradient};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, bias_gradient, weight_gradient};
 use std::borrow::Cow;
 use std::cell::Cell;
 
@@ -146,8 +146,8 @@ impl Product {
         };
         let mut weights = vec![0.0; self.geometry.weights()];
         with_memory(|memory| {
-            let product = WeightGradient::new(&self.geometry, Level::default());
-            product.run(large, small, &mut weights, &mut memory.gradients);
+            let workspace = &mut memory.gradients;
+            weight_gradient(&self.geometry, Level::default(), large, small, &mut weights, workspace);
         });
         tensor(weights, [small_channels, large_channels, kernel, kernel])
     }
