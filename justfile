@@ -15,9 +15,19 @@ docs:
 test:
     cargo test --workspace --locked
 
+# ORB SLAM, which default builds leave out (docs/decisions/007)
+test-orb:
+    cargo clippy -p endoscape-baselines --all-targets --features orb --locked -- -D warnings
+    cargo test -p endoscape-baselines --features orb --locked
+
 # slow tests as well
 test-all:
     cargo test --workspace --locked -- --include-ignored
+
+# recordings for the Rerun viewer: some 170 crates more, and Burn built once again
+test-rerun:
+    cargo clippy -p endoscape-report -p endoscape-cli --all-targets --features endoscape-cli/rerun --locked -- -D warnings
+    cargo test -p endoscape-report -p endoscape-cli --test recording --test record --features endoscape-cli/rerun --locked
 
 # licences, sources, advisories, spelling (needs cargo-deny and typos)
 extra:

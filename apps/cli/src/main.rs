@@ -9,7 +9,9 @@ mod commands;
 mod device;
 mod input;
 mod memory;
+mod model;
 mod progress;
+mod record;
 
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -25,6 +27,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Demo(commands::demo::Args),
     Inspect(commands::inspect::Args),
     Convert(commands::convert::Args),
     Devices(commands::devices::Args),
@@ -41,8 +44,21 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let done = match &cli.command {
+    match perform(&Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Nothing can be done about a standard error that is closed.
+            writeln!(std::io::stderr(), "error: {}", sentence(&error)).ok();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Does what a command says.
+fn perform(command: &Command) -> anyhow::Result<()> {
+    match command {
+        Command::Demo(args) => commands::demo::run(args),
         Command::Inspect(args) => commands::inspect::run(args),
         Command::Convert(args) => commands::convert::run(args),
         Command::Devices(args) => commands::devices::run(args),
@@ -56,15 +72,6 @@ fn main() -> ExitCode {
         Command::Motion(args) => commands::motion::run(args),
         Command::Compare(args) => commands::compare::run(args),
         Command::Report(args) => commands::report::run(args),
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            // Nothing can be done about a standard error that is closed.
-            writeln!(std::io::stderr(), "error: {}", sentence(&error)).ok();
-            ExitCode::FAILURE
-        }
     }
 }
 

@@ -12,7 +12,7 @@ use std::process::Command;
 /// Each crate of ours and those of ours it may use.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("endoscape-core", &[]),
-    ("endoscape-baselines", &["endoscape-core"]),
+    ("endoscape-baselines", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-frames", &["endoscape-core"]),
     ("endoscape-eval", &["endoscape-core", "endoscape-frames"]),
     ("endoscape-kernels", &[]),
@@ -22,7 +22,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "endoscape-train",
         &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
     ),
-    ("endoscape-odometry", &["endoscape-core", "endoscape-frames", "endoscape-nets"]),
+    ("endoscape-odometry", &["endoscape-baselines", "endoscape-core", "endoscape-frames", "endoscape-nets"]),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     (

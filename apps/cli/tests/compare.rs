@@ -62,7 +62,7 @@ fn several_sequences_give_wins_and_a_test() {
     assert_eq!(names, ["s0", "s1", "s2", "s3", "s4", "s5"]);
     assert_eq!((result["wins"]["best"].as_u64(), result["wins"]["wins"][0].as_u64()), (Some(0), Some(6)));
     assert_eq!(result["wins"]["tests"][1]["p_value"].as_f64(), Some(2.0 / 64.0));
-    let html = std::fs::read_to_string(folder.0.path().join("out/report.html")).unwrap();
+    let html = std::fs::read_to_string(folder.path("out/report.html")).unwrap();
     assert!(html.contains("ours is better than theirs beyond chance") && html.contains("id=\"paths-6\""));
 }
 
@@ -71,7 +71,7 @@ fn json_is_that_of_the_file_and_agrees_with_eval() {
     let folder = Folder::new();
     let (truth, estimate) = (folder.file("t.txt", tum(0.0, 0..200)), folder.file("e.txt", tum(0.02, 0..200)));
     let result = json(&["compare", "--truth", &truth, &estimate, "--out", &folder.path("out"), "--json"]);
-    let file = std::fs::read_to_string(folder.0.path().join("out/compare.json")).unwrap();
+    let file = std::fs::read_to_string(folder.path("out/compare.json")).unwrap();
     assert_eq!(serde_json::from_str::<serde_json::Value>(&file).unwrap(), result);
     let alone = json(&["eval", "trajectory", &estimate, &truth, "--json"]);
     assert_eq!(result["sequences"][0]["methods"][0]["trajectory"], alone);

@@ -167,6 +167,7 @@ fn bad_trajectories_end_in_one_sentence() {
     bad("later", "9000 0 0 0 0 0 0 1\n9001 0 0 0 0 0 0 1\n", "check the clocks");
     bad("zero", "0 0 0 0 0 0 0 0\n", "norm");
     bad("nan", "0 nan 0 0 0 0 0 1\n", "not a finite number");
+    bad("vast", "0 0 0 0 0 0 0 1\n1 0 -1e200 0 0 0 0 1\n", "too large to be squared");
     bad("short", "0 0 0 0 0 0 0 1\n1 0 0\n", "line 2");
     bad("counts", "1 0 0 0 0 1 0 0 0 0 1 0\n", "--by-index");
     bad("one", "0 0 0 0 0 0 0 1\n", "needs");

@@ -390,3 +390,18 @@ fn the_magnetic_method_finds_the_capsule_in_metres() {
     let (_elsewhere, out) = place();
     assert!(fail(&["run", &tube(), "--method", "magnetic", "--out", &out]).contains("holds no magnet.toml"));
 }
+
+#[test]
+fn the_fused_method_answers_every_frame_in_metres() {
+    let (folder, out) = place();
+    let patient = folder.path().join("patient").display().to_string();
+    succeed(&["simulate", &patient, "--frames", "30", "--size", "96x96", "--effects", "none", "--seed", "3"]);
+    let summary = json(&["run", &patient, "--method", "fused", "--out", &out, "--json"]);
+    assert_eq!((summary["frames"].as_u64(), summary["depth"]["unit"].as_str()), (Some(30), Some("metres")));
+    assert!(summary["config"]["settings"]["visual"]["points"].is_u64(), "{summary}");
+    assert_complete(&out, 30);
+    let trajectory = json(&["eval", "trajectory", &out, &patient, "--align", "none", "--json"]);
+    assert!(trajectory["ate_m"]["rmse"].as_f64().unwrap() < 2e-3, "{trajectory}");
+    let (_elsewhere, out) = place();
+    assert!(fail(&["run", &tube(), "--method", "fused", "--out", &out]).contains("which the fused method needs"));
+}

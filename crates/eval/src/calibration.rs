@@ -33,6 +33,8 @@ pub struct Calibration {
     pub oracle: Vec<f64>,
     /// Mean difference of the two curves: 0 is perfect.
     pub ause: f64,
+    /// The same of a confidence that says nothing, which leaves the mean error as it is.
+    pub ause_chance: f64,
 }
 
 /// Compares confidences (any scale, higher is surer) with the errors that came with them.
@@ -47,18 +49,32 @@ pub fn calibration(confidences: &[f64], errors: &[f64]) -> Result<Calibration, E
     }
     let mut by_confidence: Vec<(f64, f64)> = confidences.iter().copied().zip(errors.iter().copied()).collect();
     by_confidence.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let in_order: Vec<f64> = by_confidence.iter().map(|(_, error)| *error).collect();
-    let mut best = in_order.clone();
+    let in_order = shared_among_ties(&by_confidence);
+    let mut best = errors.to_vec();
     best.sort_by(|a, b| b.total_cmp(a));
     let whole = mean(errors).filter(|mean| *mean > 0.0).ok_or_else(|| refused("all errors are zero"))?;
     let (sparsification, oracle) = (sparsified(&in_order, whole), sparsified(&best, whole));
-    let differences: Vec<f64> = sparsification.iter().zip(&oracle).map(|(ours, best)| ours - best).collect();
+    let area = |left: &dyn Fn(usize) -> f64| {
+        let differences: Vec<f64> = oracle.iter().enumerate().map(|(step, best)| left(step) - best).collect();
+        mean(&differences).unwrap_or_default()
+    };
     Ok(Calibration {
         reliability: reliability(&by_confidence),
-        ause: mean(&differences).unwrap_or_default(),
+        ause: area(&|step| sparsification[step]),
+        ause_chance: area(&|_| 1.0),
         sparsification,
         oracle,
     })
+}
+
+/// Errors in the order of confidence; equal confidences say nothing about the order of their errors, so each of these
+/// counts as their mean.
+fn shared_among_ties(by_confidence: &[(f64, f64)]) -> Vec<f64> {
+    let shared = |ties: &[(f64, f64)]| {
+        let mean = ties.iter().map(|(_, error)| error).sum::<f64>() / ties.len() as f64;
+        std::iter::repeat_n(mean, ties.len())
+    };
+    by_confidence.chunk_by(|a, b| a.0 == b.0).flat_map(shared).collect()
 }
 
 /// Mean of what is left after each twentieth is taken from the front, relative to the mean of all.
@@ -89,6 +105,15 @@ mod tests {
         assert_eq!(perfect.ause, 0.0);
         assert!(perfect.reliability.windows(2).all(|bins| bins[0].error > bins[1].error));
         assert!(calibration(&errors, &errors).unwrap().ause > 0.9);
+    }
+
+    #[test]
+    fn a_constant_confidence_is_chance_whatever_the_order() {
+        for errors in [(1..=100).map(f64::from).collect::<Vec<_>>(), (1..=100).rev().map(f64::from).collect()] {
+            let constant = calibration(&[0.5; 100], &errors).unwrap();
+            assert!(constant.sparsification.iter().all(|left| (left - 1.0).abs() < 1e-12));
+            assert!((constant.ause - constant.ause_chance).abs() < 1e-12 && constant.ause_chance > 0.4);
+        }
     }
 
     #[test]

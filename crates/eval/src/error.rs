@@ -22,8 +22,8 @@ pub enum EvalError {
     /// Nothing in it.
     #[error("holds no pose; check that the method wrote its result")]
     Empty,
-    /// NaN or infinity.
-    #[error("pose {index} holds a number that is not finite; take such poses out")]
+    /// NaN, infinity, or numbers whose squares are.
+    #[error("pose {index} holds a number that is not finite or too large to be squared; take such poses out")]
     NotFinite {
         /// Position of the pose, from 0.
         index: usize,

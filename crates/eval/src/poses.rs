@@ -9,6 +9,9 @@ use endoscape_core::{TimedPose, Trajectory};
 use nalgebra::IsometryMatrix3;
 use rayon::prelude::*;
 
+/// Largest number a pose may hold: sums of its squares are still finite.
+const LARGEST: f64 = 1e100;
+
 /// A rigid motion as a matrix; the rotation is orthogonal up to the digits it was written with.
 pub type MatrixPose = IsometryMatrix3<f64>;
 
@@ -52,7 +55,7 @@ impl Poses {
         }
         let finite = |pose: &MatrixPose| {
             let rotation = pose.rotation.matrix();
-            pose.translation.vector.iter().chain(rotation.iter()).all(|number| number.is_finite())
+            pose.translation.vector.iter().chain(rotation.iter()).all(|number| number.abs() <= LARGEST)
         };
         if let Some(index) = world_from_camera.iter().position(|pose| !finite(pose)) {
             return Err(EvalError::NotFinite { index });

@@ -1,7 +1,7 @@
 //! An estimate laid over its truth, pose by pose: what figures show and paired tests compare.
 
 use crate::EvalError;
-use crate::align::{Alignment, align};
+use crate::align::{Alignment, Similarity, align};
 use crate::ape::{PoseErrors, absolute_errors};
 use crate::associate::{Association, associate};
 use crate::poses::{MatrixPose, Poses, Stamps, accumulated, path_steps_m};
@@ -22,6 +22,8 @@ pub struct Trace {
     pub travelled_m: Vec<f64>,
     /// True poses.
     pub truth: Vec<MatrixPose>,
+    /// What the alignment corrects.
+    pub truth_from_estimate: Similarity,
     /// Estimated poses in the frame and scale of the truth.
     pub aligned: Vec<MatrixPose>,
     /// Errors of the poses.
@@ -41,7 +43,8 @@ pub fn trace(
     alignment: Alignment,
 ) -> Result<Trace, EvalError> {
     let pairs = associate(estimate, truth, association)?;
-    let aligned = align(&pairs.estimate, &pairs.truth, alignment)?.apply_all(&pairs.estimate);
+    let truth_from_estimate = align(&pairs.estimate, &pairs.truth, alignment)?;
+    let aligned = truth_from_estimate.apply_all(&pairs.estimate);
     let neighbours: Vec<(usize, usize)> = (1..aligned.len()).map(|end| (end - 1, end)).collect();
     Ok(Trace {
         stamps: pairs.truth_index.iter().map(|index| stamp(truth, *index)).collect(),
@@ -52,6 +55,7 @@ pub fn trace(
         truth_index: pairs.truth_index,
         after_gap: pairs.after_gap,
         truth: pairs.truth,
+        truth_from_estimate,
         aligned,
     })
 }

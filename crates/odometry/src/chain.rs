@@ -78,6 +78,11 @@ impl Motion {
         self.world_from_camera = world_from_camera;
     }
 
+    /// The pose of the next frame if the motion goes on as it is.
+    pub fn expected(&self) -> Pose {
+        renormalised(self.world_from_camera * self.step)
+    }
+
     /// Goes on by a fading part of the latest step and returns the pose reached.
     pub fn coast(&mut self) -> Pose {
         self.step = part(&self.step, PERSISTENCE);

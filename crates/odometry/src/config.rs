@@ -22,6 +22,8 @@ pub struct OdometryConfig {
     /// chain of depth ratios alone, whose errors add up; 0 trusts every depth map alone. Default 0.98: a deviation is
     /// halved within 34 keyframes.
     pub scale_memory: f64,
+    /// Whether the motion network's answer is sharpened by aligning brightness, where the camera is known. Default on.
+    pub refine: bool,
     /// Poses below this confidence count as lost. Default 0.1.
     pub lost_below: f64,
 }
@@ -36,6 +38,7 @@ impl OdometryConfig {
             fixed_gap: input.map_or(1, |input| input.fixed_gap),
             least_displacement: input.map_or(0.0, |input| input.least_displacement),
             scale_memory: 0.98,
+            refine: true,
             lost_below: 0.1,
         }
     }

@@ -20,6 +20,7 @@
 //!
 //! Memory: two keyframes and the last [`REMEMBERED`] frames before each.
 
+use crate::refine::Contrast;
 use crate::scale::Scale;
 use endoscape_core::{Grid, Image, Pose};
 use endoscape_frames::parallax::{Thumbnail, displacement};
@@ -39,6 +40,8 @@ pub struct View {
     pub position: usize,
     /// The picture at the networks' size.
     pub image: Arc<Image>,
+    /// For refining motions; `None` where they are not.
+    pub contrast: Option<Arc<Contrast>>,
     /// Its pose in the unit of the sequence.
     pub world_from_camera: Pose,
 }
@@ -89,8 +92,8 @@ pub struct Window {
     pub target: Arc<Image>,
     /// In time order; the last is the newest frame.
     pub sources: Vec<Arc<Image>>,
-    /// Pose of the first source, where that is the keyframe that the anchor was measured against.
-    pub world_from_previous: Option<Pose>,
+    /// The first source, where that is the keyframe that the anchor was measured against.
+    pub previous: Option<View>,
 }
 
 /// What is remembered of the stream.
@@ -175,7 +178,7 @@ impl History {
         Window {
             target: anchor.image.clone(),
             sources: earlier_sources.chain(later_sources).chain([image.clone()]).collect(),
-            world_from_previous: previous.map(|view| view.world_from_camera),
+            previous: previous.cloned(),
         }
     }
 

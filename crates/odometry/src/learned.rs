@@ -1,9 +1,9 @@
 //! [`LearnedOdometry`]: the networks as an [`Odometry`], [`LearnedDepth`]: the depth network as a [`DepthEstimator`].
 //!
 //! A frame's way through [`LearnedOdometry::track`]: resized as in training; looked at for flaws; its depth predicted;
-//! its motion against the anchor measured in a window ([`crate::history`]); compared with the anchor for the unit of
-//! length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants: the state has a bounded size,
-//! every frame gets a finite pose, and the same frames give the same poses.
+//! its motion against the anchor measured in a window ([`crate::history`]) and sharpened ([`crate::refine`]); compared
+//! with the anchor for the unit of length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants:
+//! the state has a bounded size, every frame gets a finite pose, and the same frames give the same poses.
 
 use crate::OdometryError;
 use crate::chain::{self, Motion};
@@ -12,6 +12,7 @@ use crate::config::OdometryConfig;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
 use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
+use crate::refine::{Contrast, refined};
 use crate::reproject::{LATTICE, Moved, Reprojector, bilinear};
 use crate::scale::{Scale, ratio};
 use burn::tensor::Device;
@@ -83,7 +84,7 @@ impl DepthEstimator for LearnedDepth {
 }
 
 /// A dense map at another size, bilinear, edges to edges.
-fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
+pub(crate) fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
     let old = map.size();
     if old == size {
         return map.clone();
@@ -115,6 +116,7 @@ pub struct LearnedOdometry {
 /// The camera at the networks' size.
 #[derive(Debug)]
 struct Lens {
+    /// As the frames have it.
     camera: Arc<Camera>,
     /// For comparing.
     lattice: Reprojector,
@@ -126,6 +128,7 @@ struct Lens {
 struct Present {
     position: usize,
     image: Arc<Image>,
+    contrast: Option<Arc<Contrast>>,
     luma: Arc<Grid<f32>>,
     thumbnail: Thumbnail,
     depth: Arc<Grid<f32>>,
@@ -181,7 +184,11 @@ impl LearnedOdometry {
         self.clock.lap("preprocess");
         let mut tracked = match flaw {
             Some(flaw) => self.without_sight(flaw),
-            None => self.with_sight(image, luma.clone()),
+            None => {
+                let compares = self.config.refine && self.lens.is_some();
+                let contrast = compares.then(|| Contrast::new(&frame.image)).transpose()?.map(Arc::new);
+                self.with_sight(image, contrast, luma.clone())
+            }
         };
         let size = map_size(frame.image.size(), self.config.size);
         tracked.depth = tracked.depth.map(|depth| DepthMap::new(stretched(depth.grid(), size)));
@@ -218,12 +225,12 @@ impl LearnedOdometry {
         Tracked { world_from_camera: Some(pose), confidence: 0.0, depth, reliability, warning: Some(flaw.to_string()) }
     }
 
-    fn with_sight(&mut self, image: Arc<Image>, luma: Grid<f32>) -> Tracked {
+    fn with_sight(&mut self, image: Arc<Image>, contrast: Option<Arc<Contrast>>, luma: Grid<f32>) -> Tracked {
         let thumbnail = Thumbnail::new(&image, &Mask::filled(image.size(), true));
         let depth = self.depth.network.depth(&image);
         self.clock.lap("depth");
         let depth = Arc::new(depth.into_grid());
-        let present = Present { position: self.position, image, luma: Arc::new(luma), thumbnail, depth };
+        let present = Present { position: self.position, image, contrast, luma: Arc::new(luma), thumbnail, depth };
         match self.history.take() {
             None => self.begin(&present),
             Some(history) => self.follow(history, &present),
@@ -263,7 +270,10 @@ impl LearnedOdometry {
             return self.without_answer();
         }
         self.look_back(&mut history, &window, &motions);
-        let frame_from_anchor = self.frame_from_anchor(&history, distance, &motions);
+        let guess = self.frame_from_anchor(&history, distance, &motions);
+        let expected = self.path.expected();
+        let frame_from_anchor = self.sharpened(history.anchor(), present.contrast.as_deref(), [guess, expected]);
+        self.clock.lap("refine");
         let tracked = self.place(&mut history, present, distance, (frame_from_anchor, motions.reliability.as_ref()));
         self.clock.lap("scale");
         self.history = Some(history);
@@ -283,10 +293,15 @@ impl LearnedOdometry {
 
     /// Combines the forward estimate that placed a new anchor with the backward one of its first window.
     fn look_back(&mut self, history: &mut History, window: &Window, motions: &Motions) {
-        let previous = window.world_from_previous.zip(motions.source_from_target.first());
-        let Some((world_from_previous, previous_from_anchor)) = previous else { return };
-        let forward = world_from_previous.inverse() * history.anchor().view.world_from_camera;
-        let backward = chain::scaled(previous_from_anchor, history.anchor().scale.factor());
+        let Some((previous, previous_from_anchor)) = window.previous.as_ref().zip(motions.source_from_target.first())
+        else {
+            return;
+        };
+        let (anchor, world_from_previous) = (history.anchor(), previous.world_from_camera);
+        let forward = world_from_previous.inverse() * anchor.view.world_from_camera;
+        let guesses = [*previous_from_anchor, world_from_previous];
+        let backward = self.sharpened(anchor, previous.contrast.as_deref(), guesses);
+        let backward = chain::scaled(&backward, anchor.scale.factor());
         self.agreement = chain::agreement(&forward, &backward);
         history.correct_anchor(chain::renormalised(world_from_previous * chain::midway(&forward, &backward)));
     }
@@ -299,6 +314,16 @@ impl LearnedOdometry {
             Distance::Near(Some(moved)) if history.is_beginning() && moved < still => Pose::identity(),
             _ => motions.source_from_target.last().copied().unwrap_or_else(Pose::identity),
         }
+    }
+
+    /// The motion from the anchor as the pictures have it; `guess`, the network's, where they do not say. `expected` is
+    /// the pose the camera has if it goes on as before.
+    fn sharpened(&self, anchor: &Keyframe, picture: Option<&Contrast>, [guess, expected]: [Pose; 2]) -> Pose {
+        let pictures = anchor.view.contrast.as_deref().zip(picture);
+        let Some(((reference, current), lens)) = pictures.zip(self.lens.as_ref()) else { return guess };
+        let expected_from_anchor = expected.inverse() * anchor.view.world_from_camera;
+        let expected = chain::scaled(&expected_from_anchor, 1.0 / anchor.scale.factor());
+        refined((reference, &anchor.depth), current, &lens.camera, &[guess, expected]).unwrap_or(guess)
     }
 
     /// Chains the motion and remembers the frame.
@@ -379,7 +404,7 @@ fn mean(grid: &Grid<f32>) -> f32 {
 
 impl Present {
     fn view(&self, world_from_camera: Pose) -> View {
-        View { position: self.position, image: self.image.clone(), world_from_camera }
+        View { position: self.position, image: self.image.clone(), contrast: self.contrast.clone(), world_from_camera }
     }
 
     fn keyframe(&self, view: View, scale: Scale) -> Keyframe {

@@ -5,6 +5,7 @@
 //!                                   | health     can anything be seen in this frame?
 //!                                   | networks   depth of the frame, motions of a window
 //!                                   | history    which frames make the window
+//!                                   | refine     the motion to a fraction of a pixel
 //!                                   | scale      one unit of length over the sequence
 //!                                   | chain      motions to poses
 //!                                   | confidence how far to trust the pose
@@ -16,6 +17,7 @@
 //! | [`config`] | [`OdometryConfig`]: every limit with its origin |
 //! | [`networks`] | the networks behind plain pictures and poses |
 //! | [`history`] | keyframes, recent frames, and the window a motion is measured in |
+//! | [`refine`] | the motion sharpened by aligning brightness |
 //! | [`chain`] | means, predictions and scaled motions on SE(3) |
 //! | [`reproject`] | where the pixels of one frame lie in another |
 //! | [`scale`], [`confidence`] | what comparing two frames says about unit and trust |
@@ -37,6 +39,7 @@ pub mod latency;
 pub mod learned;
 pub mod networks;
 pub mod pipeline;
+pub mod refine;
 pub mod reproject;
 pub mod run_folder;
 pub mod scale;

@@ -17,6 +17,7 @@
 //! | [`verdict`] | its words |
 //! | [`page`] | the HTML |
 //! | [`mod@write`] | everything into files |
+//! | `recording` (feature `rerun`) | the same results over time, for the Rerun viewer |
 //!
 //! All of it is deterministic: the same input gives the same bytes.
 
@@ -27,6 +28,8 @@ pub mod figures;
 pub mod maps;
 pub mod mask_study;
 pub mod page;
+#[cfg(feature = "rerun")]
+pub mod recording;
 pub mod run_folder;
 pub mod study;
 pub mod summary;
@@ -39,4 +42,4 @@ pub mod write;
 pub use error::ReportError;
 pub use run_folder::RunFolder;
 pub use study::{MethodInput, SequenceInput, Study, judge};
-pub use write::{run_report, write_comparison};
+pub use write::{judge_run, run_report, write_comparison, write_run};

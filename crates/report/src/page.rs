@@ -12,6 +12,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 /// every row.
 const MOST_ROWS: usize = 3000;
 
+/// How far a drawing is stretched on a wide screen: hardly, so that letters are of one size in all figures.
+const LARGEST: f64 = 1.1;
+
 /// What a page shows.
 pub struct Page<'a> {
     /// Headline.
@@ -148,7 +151,8 @@ fn figure_html(figure: &Figure, rows: usize) -> Markup {
 /// A drawing inside the page, in the colours of its theme.
 fn inline(panel: &Svg) -> Markup {
     html! {
-        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (panel.width) " " (panel.height) } role="img" aria-label=(panel.label) {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (panel.width) " " (panel.height) } role="img" aria-label=(panel.label)
+            style={ "max-width:" (format!("{:.0}", LARGEST * panel.width)) "px" } {
             (PreEscaped(&panel.body))
         }
     }

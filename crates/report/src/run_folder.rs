@@ -2,6 +2,7 @@
 
 use crate::ReportError;
 use crate::maps::{self, MILLIMETRES};
+use endoscape_core::Camera;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -86,6 +87,8 @@ pub struct RunFacts {
 pub struct DepthFacts {
     /// Length of a step of 16-bit maps in the method's own unit.
     pub unit_per_step: Option<f64>,
+    /// The camera at the size of the maps.
+    pub camera: Option<Camera>,
 }
 
 /// A folder of results; pixels stay on disk.

@@ -63,6 +63,8 @@ pub struct SequenceStudy {
     pub name: String,
     /// Whether the true path is known.
     pub has_truth: bool,
+    /// Whether its frames come from the simulator.
+    pub is_simulated: bool,
     /// Method by method, in the order given; the same order in all sequences.
     pub methods: Vec<MethodStudy>,
 }
@@ -112,7 +114,9 @@ fn judge_sequence(input: SequenceInput, settings: &Settings) -> Result<SequenceS
     let SequenceInput { name, truth, sequence, methods } = input;
     let judge = |method| judge_method(method, truth.as_ref(), sequence.as_ref(), settings);
     let methods = methods.into_iter().map(judge).collect::<Result<_, _>>()?;
-    Ok(SequenceStudy { name, has_truth: truth.is_some(), methods })
+    // What `endoscape simulate` leaves beside its frames.
+    let is_simulated = sequence.is_some_and(|sequence| sequence.root.join("simulation.toml").is_file());
+    Ok(SequenceStudy { name, has_truth: truth.is_some(), is_simulated, methods })
 }
 
 fn judge_method(

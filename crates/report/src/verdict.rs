@@ -14,6 +14,12 @@ pub fn of(sequence: &SequenceStudy) -> Vec<String> {
             Some(against_trivial(&method.name, motion))
         })
         .collect();
+    if sequence.is_simulated {
+        sentences.push(format!(
+            "{} is simulated: pictures, poses and depth come from a program, and no number here speaks about a patient.",
+            sequence.name
+        ));
+    }
     if !sequence.has_truth {
         sentences.push("The true path is not known: nothing here says how right the result is.".to_owned());
     }

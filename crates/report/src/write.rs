@@ -34,12 +34,12 @@ pub fn write_comparison(study: &Study, out: &Path) -> Result<PathBuf, ReportErro
     Ok(page)
 }
 
-/// Writes `report.html` into a run folder: its path, depth, reliability, confidence and speed; errors where `sequence`,
-/// the frames it ran on, knows the truth. Returns the page.
+/// Judges a run folder: its path, depth, reliability, confidence and speed; errors where `sequence`, the frames it ran
+/// on, knows the truth.
 ///
 /// # Errors
-/// [`ReportError`] if the folder cannot be read, does not fit the sequence, or the page cannot be written.
-pub fn run_report(run: &Path, sequence: Option<&Sequence>) -> Result<PathBuf, ReportError> {
+/// [`ReportError`] if the folder cannot be read or does not fit the sequence.
+pub fn judge_run(run: &Path, sequence: Option<&Sequence>) -> Result<Study, ReportError> {
     let truth = sequence.filter(|sequence| sequence.has_poses()).map(Sequence::trajectory).transpose()?;
     let truth = truth.map(|trajectory| Poses::from_trajectory(&trajectory)).transpose();
     let truth = truth.map_err(ReportError::evaluation("the truth"))?;
@@ -49,10 +49,16 @@ pub fn run_report(run: &Path, sequence: Option<&Sequence>) -> Result<PathBuf, Re
     let method = MethodInput { name: name.clone(), poses: run_poses(run)?, run: Some(folder) };
     let input =
         SequenceInput { name: sequence_name.clone(), truth, sequence: sequence.cloned(), methods: vec![method] };
-    let study = judge_or_show(format!("{name} on {sequence_name}"), input)?;
+    judge_or_show(format!("{name} on {sequence_name}"), input)
+}
+
+/// Writes `report.html` into a run folder and returns the page.
+///
+/// # Errors
+/// [`ReportError`] if a figure cannot be drawn or the page not be written.
+pub fn write_run(study: &Study, run: &Path) -> Result<PathBuf, ReportError> {
     let page = run.join("report.html");
-    let sections = sections(&study)?;
-    save(&page, page_of(&study, sections).html().as_bytes())?;
+    save(&page, page_of(study, sections(study)?).html().as_bytes())?;
     Ok(page)
 }
 
@@ -127,6 +133,14 @@ fn page_of(study: &Study, sections: Vec<Section>) -> Page<'_> {
             ("alignment".to_owned(), study.align.to_string()),
         ],
     }
+}
+
+/// Judges a run folder and writes its page, which is returned.
+///
+/// # Errors
+/// As [`judge_run`] and [`write_run`].
+pub fn run_report(run: &Path, sequence: Option<&Sequence>) -> Result<PathBuf, ReportError> {
+    write_run(&judge_run(run, sequence)?, run)
 }
 
 fn create(folder: &Path) -> Result<(), ReportError> {

@@ -76,6 +76,9 @@ pub struct ObjectiveConfig {
     /// Weight of depth disagreement between views; above 0 it also weighs pixels by their agreement. Default 0.5
     /// (Bian et al. 2019); paper 0.
     pub geometry_weight: f64,
+    /// Weight of the disagreement between depth and brightness under a lamp beside the lens, see
+    /// [`light`](crate::light). Default 1; paper 0. Set it to 0 for scenes with other light, such as streets.
+    pub light_weight: f64,
 }
 
 impl Default for ObjectiveConfig {
@@ -101,6 +104,7 @@ impl ObjectiveConfig {
             smoothness_decay: 2.0,
             mask_weight: 0.15,
             geometry_weight: 0.0,
+            light_weight: 0.0,
         }
     }
 
@@ -131,6 +135,7 @@ impl ObjectiveConfig {
             smoothness_weight: 0.01,
             mask_weight: 0.2,
             geometry_weight: 0.5,
+            light_weight: 1.0,
             ..Self::paper()
         }
     }
@@ -152,6 +157,7 @@ impl ObjectiveConfig {
             ),
             ("mask_weight", self.mask_weight, weight(self.mask_weight), "0 or above"),
             ("geometry_weight", self.geometry_weight, weight(self.geometry_weight), "0 or above"),
+            ("light_weight", self.light_weight, weight(self.light_weight), "0 or above"),
         ];
         match rules.into_iter().find(|(_, _, holds, _)| !holds) {
             Some((field, value, _, allowed)) => Err(SynthesisError::Config { field, value, allowed }),

@@ -5,7 +5,7 @@
 //! | [`motion`] | motion vectors to rigid transforms, three parametrisations |
 //! | [`camera`] | rays and a differentiable projection for every lens of [`endoscape_core`] |
 //! | [`warp`] | [`synthesize`]: the target view painted with a source picture |
-//! | [`photometric`], [`smoothness`], [`mask_loss`], [`geometry`], [`brightness`] | the terms, one function each |
+//! | [`photometric`], [`smoothness`], [`mask_loss`], [`geometry`], [`light`], [`brightness`] | the terms, one function each |
 //! | [`pyramid`] | scales of a picture |
 //! | [`config`] | [`ObjectiveConfig`]: which terms, how weighted; presets `paper`, `port`, `endo` |
 //! | [`objective`](mod@objective) | [`objective()`]: the sum to minimise |
@@ -21,6 +21,7 @@ pub mod config;
 mod error;
 mod flex;
 pub mod geometry;
+pub mod light;
 pub mod mask_loss;
 pub mod motion;
 pub mod objective;

@@ -8,6 +8,7 @@ use crate::brightness::align_brightness;
 use crate::camera::{CameraBatch, CameraPyramid};
 use crate::config::{AcrossSources, Brightness, ObjectiveConfig, Scales};
 use crate::geometry::depth_disagreement;
+use crate::light::light_disagreement;
 use crate::mask_loss::reliability_cross_entropy;
 use crate::photometric::{auto_mask, average, minimum_over_sources, photometric_error};
 use crate::pyramid::{WHOLLY, enlarge, shrink, shrink_usable};
@@ -60,6 +61,8 @@ pub struct LossTerms {
     pub mask: Tensor<1>,
     /// Sum over scales of the depth disagreement between views.
     pub geometry: Tensor<1>,
+    /// Disagreement between depth and brightness at the finest scale.
+    pub light: Tensor<1>,
     /// The weighted sum to minimise.
     pub total: Tensor<1>,
     /// Share of the target's pixels that count in the photometric term, mean over scales, 0 to 1. Near 0 there is
@@ -77,7 +80,7 @@ pub struct LossTerms {
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
     let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
-    let (mut smooth, mut mask) = (zero.clone(), zero);
+    let (mut smooth, mut mask) = (zero.clone(), zero.clone());
     let full = (config.scales == Scales::Full).then(|| Pictures::new(batch, 0, config));
     for (scale, disparity) in prediction.disparities.iter().enumerate() {
         let pictures = full.clone().unwrap_or_else(|| Pictures::new(batch, scale, config));
@@ -90,12 +93,24 @@ pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveC
             mask = mask + reliability_cross_entropy(reliability.clone());
         }
     }
+    let light = match prediction.disparities.first().filter(|_| config.light_weight > 0.0) {
+        Some(disparity) => target_light(batch, disparity.clone()),
+        None => zero,
+    };
     let total = photometric.clone()
         + smooth.clone() * config.smoothness_weight
         + mask.clone() * config.mask_weight
-        + geometry.clone() * config.geometry_weight;
+        + geometry.clone() * config.geometry_weight
+        + light.clone() * config.light_weight;
     let coverage = coverage / prediction.disparities.len().max(1) as f64;
-    LossTerms { photometric, smoothness: smooth, mask, geometry, total, coverage }
+    LossTerms { photometric, smoothness: smooth, mask, geometry, light, total, coverage }
+}
+
+/// How far the target's depth is from what its brightness says.
+fn target_light(batch: &ViewBatch, disparity: Tensor<4>) -> Tensor<1> {
+    let cameras = &batch.cameras.levels()[0];
+    let target = batch.target.shrunk([cameras.size().height, cameras.size().width]);
+    light_disagreement(depth_from_disparity(disparity), target.image, target.usable, cameras)
 }
 
 /// Smoothness of one scale, at its own size, divided by its decay.

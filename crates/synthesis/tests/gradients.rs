@@ -8,6 +8,7 @@ use common::{SIZE, assert_gradient, batch_of, cameras, noise_tensor, options, te
 use endoscape_core::Camera;
 use endoscape_synthesis::brightness::align_brightness;
 use endoscape_synthesis::geometry::depth_disagreement;
+use endoscape_synthesis::light::distance_disagreement;
 use endoscape_synthesis::mask_loss::reliability_cross_entropy;
 use endoscape_synthesis::motion::{Rotation, source_from_target};
 use endoscape_synthesis::photometric::{self, Average};
@@ -162,6 +163,18 @@ fn terms_of(x: &[Tensor<4>], batch: &ViewBatch, config: &ObjectiveConfig) -> Los
 }
 
 #[test]
+fn distance_against_light() {
+    for (name, camera) in cameras() {
+        let batch = batch_of(&[camera], SIZE);
+        let expected = noise_tensor(51, [1, 1, SIZE.height - 2, SIZE.width - 2], -1.0, 1.0);
+        let usable = map(52, 1, 0.0, 1.0).greater_scalar(0.2).float().cast(expected.dtype());
+        assert_gradient(name, &[map(53, 1, 0.5, 2.0)], |x| {
+            distance_disagreement(x[0].clone(), expected.clone(), Some(usable.clone()), &batch)
+        });
+    }
+}
+
+#[test]
 fn the_whole_objective_under_every_preset() {
     let coarse = |seed: u64, low: f64, high: f64| noise_tensor(seed, [2, 1, 3, 3], low, high);
     let inputs = [
@@ -177,10 +190,10 @@ fn the_whole_objective_under_every_preset() {
         coarse(49, 0.6, 1.6),
     ];
     let (_, camera) = cameras()[3];
-    // Agreement of depths also weighs pixels, deliberately without gradient; so the default's total goes without it,
-    // and the term itself is checked alone.
+    // Agreement of depths also weighs pixels, and normals decide what light says, deliberately without gradient; so the
+    // default's total goes without both, and the terms are checked alone.
     let endo = ObjectiveConfig::endo();
-    let without_agreement = ObjectiveConfig { geometry_weight: 0.0, ..ObjectiveConfig::endo() };
+    let without_agreement = ObjectiveConfig { geometry_weight: 0.0, light_weight: 0.0, ..ObjectiveConfig::endo() };
     for config in [ObjectiveConfig::paper(), ObjectiveConfig::port(), without_agreement] {
         let batch = snippet(camera, 2, config.camera_scaling);
         assert_gradient(&format!("{config:?}"), &inputs, |x| terms_of(x, &batch, &config).total);

@@ -5,6 +5,7 @@
 //! | `config.toml` | the complete [`TrainConfig`] |
 //! | `run.json` | [`RunManifest`]: versions, seed, data with fingerprints |
 //! | `metrics.csv`, `validation.csv` | a line per logged step and per validation |
+//! | `tensorboard/` | the same as curves, an event file per sitting |
 //! | `best/` | checkpoint with the best validation |
 //! | `latest/` | checkpoint to resume from, with the optimiser's state |
 

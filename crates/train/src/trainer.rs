@@ -14,6 +14,7 @@ use crate::optimizer::limit_gradient;
 use crate::run_folder::{RunFolder, RunManifest, Table};
 use crate::schedule::warmup_factor;
 use crate::state::{Progress, TrainState};
+use crate::tensorboard::EventFile;
 use crate::transfer::initial_weights;
 use crate::validation::{Scores, Validator};
 use burn::module::Module;
@@ -77,6 +78,8 @@ pub struct Metrics {
     pub mask: f32,
     /// Depth disagreement before its weight.
     pub geometry: f32,
+    /// Disagreement of depth and brightness before its weight.
+    pub light: f32,
     /// Share of pixels that count.
     pub coverage: f32,
     /// See [`VitalSigns::depth_spread`].
@@ -89,6 +92,27 @@ pub struct Metrics {
     pub rotation_rad: f32,
 }
 
+impl Metrics {
+    /// The figures by the names of their curves.
+    fn curves(&self) -> Vec<(String, f64)> {
+        let curves = [
+            ("loss/total", f64::from(self.total)),
+            ("loss/photometric", f64::from(self.photometric)),
+            ("loss/smoothness", f64::from(self.smoothness)),
+            ("loss/mask", f64::from(self.mask)),
+            ("loss/geometry", f64::from(self.geometry)),
+            ("networks/coverage", f64::from(self.coverage)),
+            ("networks/depth_spread", f64::from(self.depth_spread)),
+            ("networks/reliability", f64::from(self.reliability)),
+            ("networks/translation", f64::from(self.translation)),
+            ("networks/rotation_rad", f64::from(self.rotation_rad)),
+            ("training/learning_rate", self.learning_rate),
+            ("training/steps_per_s", self.steps_per_s),
+        ];
+        curves.map(|(name, value)| (name.to_owned(), value)).into()
+    }
+}
+
 /// Networks that explain a smaller share of the pixels are never the best, however well they explain those.
 const LEAST_COVERAGE: f64 = 0.2;
 
@@ -98,6 +122,7 @@ struct ScoreLine {
     step: u64,
     elapsed_s: f64,
     photometric: f64,
+    light: Option<f64>,
     coverage: f64,
     depth_abs_rel: Option<f64>,
     depth_d1: Option<f64>,
@@ -181,6 +206,7 @@ struct Session<'a> {
     validator: Validator,
     metrics: Table<Metrics>,
     scores: Table<ScoreLine>,
+    curves: EventFile,
     watch: CollapseWatch,
     /// Begin of the sitting, and seconds of training before it.
     begun: (Instant, f64),
@@ -198,6 +224,7 @@ impl<'a> Session<'a> {
             validator: Validator::new(judged.clone(), &config, &job.device),
             metrics: Table::open(run, "metrics.csv", |row: &Metrics| row.step <= step)?,
             scores: Table::open(run, "validation.csv", |row: &ScoreLine| row.step <= step)?,
+            curves: EventFile::create(run, step)?,
             watch: CollapseWatch::default(),
             begun: (Instant::now(), elapsed_s),
             logged: (step, elapsed_s),
@@ -292,6 +319,7 @@ impl<'a> Session<'a> {
             return Err(TrainError::Diverged { step: row.step, kept: self.saved.0, loss: row.total });
         }
         self.metrics.add(&row)?;
+        self.curves.add_scalars(row.step, &row.curves())?;
         self.logged = (row.step, row.elapsed_s);
         let left_s = row.elapsed_s * (1.0 / self.share_spent() - 1.0).max(0.0);
         let figures = [
@@ -300,6 +328,7 @@ impl<'a> Session<'a> {
             ("smoothness", f64::from(row.smoothness)),
             ("mask", f64::from(row.mask)),
             ("geometry", f64::from(row.geometry)),
+            ("light", f64::from(row.light)),
             ("steps_per_s", row.steps_per_s),
             ("remaining_s", left_s),
         ];
@@ -313,12 +342,12 @@ impl<'a> Session<'a> {
     }
 
     fn metrics_of(&self, taken: &StepTaken) -> Metrics {
-        let LossTerms { photometric, smoothness, mask, geometry, total, coverage } = &taken.terms;
+        let LossTerms { photometric, smoothness, mask, geometry, light, total, coverage } = &taken.terms;
         let signs = VitalSigns::new(&taken.output.prediction, taken.output.motion.clone());
         let losses =
-            [total, photometric, smoothness, mask, geometry, coverage].map(|term| term.clone().detach().inner());
+            [total, photometric, smoothness, mask, geometry, light, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
-        // One read-back for all ten.
+        // One read-back for all.
         let figures: Vec<f32> = Tensor::cat(losses.into_iter().chain(signs).collect(), 0).into_data().iter().collect();
         let figure = |index: usize| figures.get(index).copied().unwrap_or(f32::NAN);
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
@@ -332,11 +361,12 @@ impl<'a> Session<'a> {
             smoothness: figure(2),
             mask: figure(3),
             geometry: figure(4),
-            coverage: figure(5),
-            depth_spread: figure(6),
-            reliability: figure(7),
-            translation: figure(8),
-            rotation_rad: figure(9),
+            light: figure(5),
+            coverage: figure(6),
+            depth_spread: figure(7),
+            reliability: figure(8),
+            translation: figure(9),
+            rotation_rad: figure(10),
         }
     }
 
@@ -344,17 +374,22 @@ impl<'a> Session<'a> {
     fn validate(&mut self, events: &mut dyn EventSink) -> Result<Scores, TrainError> {
         let scores = self.validator.measure(&self.state.model.valid())?;
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
-        let Scores { photometric, coverage, depth_abs_rel, depth_d1, ate_m } = scores;
+        let Scores { photometric, light, coverage, depth_abs_rel, depth_d1, ate_m } = scores;
         if self.state.progress.validated_at != Some(step) {
-            self.scores.add(&ScoreLine { step, elapsed_s, photometric, coverage, depth_abs_rel, depth_d1, ate_m })?;
+            let line = ScoreLine { step, elapsed_s, photometric, light, coverage, depth_abs_rel, depth_d1, ate_m };
+            self.scores.add(&line)?;
+            let curves: Vec<_> =
+                scores.named().into_iter().map(|(name, value)| (format!("validation/{name}"), value)).collect();
+            self.curves.add_scalars(step, &curves)?;
             for (name, value) in scores.named() {
                 events.event(Event::Measured { name: format!("validation_{name}"), step, value });
             }
         }
         self.state.progress.validated_at = Some(step);
+        let unsupervised = photometric + self.config.objective.light_weight * light.unwrap_or(0.0);
         let deciding = match self.config.best_by {
-            Criterion::Photometric => photometric,
-            Criterion::Depth => depth_abs_rel.unwrap_or(photometric),
+            Criterion::Photometric => unsupervised,
+            Criterion::Depth => depth_abs_rel.unwrap_or(unsupervised),
         };
         let explains_something = coverage >= LEAST_COVERAGE;
         if explains_something && deciding.is_finite() && self.state.progress.best.is_none_or(|best| deciding < best) {

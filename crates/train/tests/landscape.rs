@@ -1,4 +1,4 @@
-//! The objective's own bias: depth and motion as free variables stay at the truth of a made-up tube.
+//! The objective's own bias: depth and motion as free variables stay at the truth of a made-up room.
 //!
 //! What a training cannot reach is then the fault of its networks or its budget, not of the objective.
 
@@ -14,7 +14,7 @@ mod common;
 use burn::module::{Module, Param};
 use burn::optim::{AdamConfig, GradientsParams};
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{SIZE, tube_clip};
+use common::{SIZE, room_clip};
 use endoscape_core::{Pose, Rotation};
 use endoscape_nets::network_input;
 use endoscape_synthesis::config::Brightness;
@@ -108,7 +108,7 @@ fn views(clip: &Clip, device: &Device) -> ViewBatch {
 #[test]
 fn the_truth_is_a_minimum_of_the_objective() {
     let device = Device::flex().autodiff();
-    let clip = tube_clip(FRAMES);
+    let clip = room_clip(FRAMES);
     let batch = views(&clip, &device);
     let config = ObjectiveConfig { auto_mask: false, brightness: Brightness::Constant, ..ObjectiveConfig::endo() };
     let mut free = Free::at_truth(&clip, &device);

@@ -1,4 +1,4 @@
-//! Depth and motion of a made-up tube are recovered from its pictures alone, up to one scale.
+//! Depth and motion in a made-up room are recovered from its pictures alone, up to one scale.
 
 #![allow(
     clippy::unwrap_used,
@@ -10,10 +10,11 @@
 mod common;
 
 use burn::tensor::Device;
-use common::{SIZE, tube_clip};
+use common::{SIZE, room_clip};
 use endoscape_core::event::NullSink;
-use endoscape_nets::{Checkpoint, NetsConfig, network_input};
+use endoscape_nets::{Checkpoint, MaskHead, NetsConfig, network_input};
 use endoscape_synthesis::ObjectiveConfig;
+use endoscape_synthesis::config::{AcrossSources, Brightness};
 use endoscape_train::augment::AugmentConfig;
 use endoscape_train::clip::Clip;
 use endoscape_train::dataset::snippet_frames;
@@ -23,26 +24,29 @@ use endoscape_train::{RunFolder, SnippetDataset, TrainConfig, TrainJob, train};
 use std::sync::Arc;
 
 const FRAMES: usize = 6;
+/// Steps after which more bring nothing: the errors settle at 1 to 3 %.
+const STEPS: u64 = 1500;
 
 fn config(steps: u64) -> TrainConfig {
     let mut nets = NetsConfig::fast();
-    nets.pose.mask = endoscape_nets::MaskHead::None;
+    nets.pose.mask = MaskHead::None;
     TrainConfig {
         width: SIZE.width,
         height: SIZE.height,
         batch: FRAMES - 2,
         steps,
-        learning_rate: 1e-3,
+        learning_rate: 2e-3,
         decay: Decay::Cosine,
         validate_every: 1_000_000,
         checkpoint_seconds: 1e9,
         gap: GapConfig { fixed: 1, ..GapConfig::default() },
         augment: AugmentConfig::none(),
         objective: ObjectiveConfig {
+            // Nothing hides anything, so every source explains every pixel it shows.
+            across_sources: AcrossSources::Sum,
             auto_mask: false,
-            brightness: endoscape_synthesis::config::Brightness::Constant,
-            smoothness_weight: 1e-3,
-            geometry_weight: 0.5,
+            brightness: Brightness::Constant,
+            smoothness_weight: 1e-4,
             ..ObjectiveConfig::endo()
         },
         nets,
@@ -62,7 +66,7 @@ struct Recovered {
 
 fn recover(steps: u64) -> Recovered {
     let config = config(steps);
-    let clip = Arc::new(tube_clip(FRAMES));
+    let clip = Arc::new(room_clip(FRAMES));
     let data = SnippetDataset::new(vec![clip.clone()], 3, &config.gap, &mut NullSink).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
@@ -128,9 +132,9 @@ fn a_short_training_comes_closer_to_the_truth() {
 }
 
 #[test]
-#[ignore = "takes many minutes; OVERFIT_STEPS sets how long"]
-fn a_tube_is_recovered_up_to_one_scale() {
-    let steps = std::env::var("OVERFIT_STEPS").map_or(8000, |steps| steps.parse().unwrap());
-    let recovered = recover(steps);
+#[ignore = "takes some minutes"]
+fn a_room_is_recovered_up_to_one_scale() {
+    let recovered = recover(STEPS);
+    eprintln!("{recovered:?}");
     assert!(recovered.depth < 0.05 && recovered.translation < 0.05 && recovered.rotation < 0.05, "{recovered:?}");
 }

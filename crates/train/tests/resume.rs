@@ -10,7 +10,7 @@
 mod common;
 
 use burn::tensor::Device;
-use common::{SIZE, tube_clip};
+use common::{SIZE, room_clip};
 use endoscape_core::Event;
 use endoscape_core::event::NullSink;
 use endoscape_nets::NetsConfig;
@@ -42,7 +42,7 @@ fn tiny() -> TrainConfig {
 }
 
 fn job(config: TrainConfig, frames: usize) -> TrainJob {
-    let clips = vec![Arc::new(tube_clip(frames))];
+    let clips = vec![Arc::new(room_clip(frames))];
     let data = SnippetDataset::new(clips, config.snippet_length(), &config.gap, &mut NullSink).unwrap();
     let device_name = "cpu".to_owned();
     TrainJob { config, data: Arc::new(data), validation: None, init: None, device: Device::flex(), device_name }
@@ -97,7 +97,7 @@ fn other_data_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
     train(&job(TrainConfig { steps: 1, ..tiny() }, 6), &run, &mut NullSink).unwrap();
-    let mut other = tube_clip(6);
+    let mut other = room_clip(6);
     other.fingerprint = "another".into();
     let mut job = job(TrainConfig { steps: 2, ..tiny() }, 6);
     job.data = Arc::new(SnippetDataset::new(vec![Arc::new(other)], 3, &job.config.gap, &mut NullSink).unwrap());

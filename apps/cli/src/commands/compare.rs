@@ -1,6 +1,7 @@
 //! `endoscape compare`.
 
 use super::eval::load::Pairing;
+use crate::record::RecordArgs;
 use anyhow::{Context as _, bail};
 use endoscape_eval::Alignment;
 use endoscape_eval::trajectory::Settings;
@@ -42,6 +43,8 @@ pub struct Args {
     lengths: Option<Vec<f64>>,
     #[command(flatten)]
     pairing: Pairing,
+    #[command(flatten)]
+    record: RecordArgs,
     /// One JSON object on standard output, the same as compare.json
     #[arg(long)]
     json: bool,
@@ -79,7 +82,9 @@ impl Named {
 /// # Errors
 /// One sentence on what cannot be read, compared or written.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let recorder = args.record.open()?;
     let inputs = inputs(args)?;
+    let sequences: Vec<Option<Sequence>> = inputs.iter().map(|input| input.sequence.clone()).collect();
     let settings = Settings {
         association: args.pairing.association(),
         align: args.align,
@@ -90,10 +95,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let title = args.title.clone().unwrap_or_else(|| title(&inputs));
     let study = judge(title, inputs, &settings)?;
     let page = write_comparison(&study, &args.out)?;
+    let recording = recorder.write(&study, &sequences.iter().map(Option::as_ref).collect::<Vec<_>>())?;
     let text = if args.json {
         serde_json::to_string_pretty(&Summary::of(&study)).context("the result cannot be written as JSON")? + "\n"
     } else {
-        text(&study, &page)
+        text(&study, &page, recording.as_deref())
     };
     std::io::stdout().lock().write_all(text.as_bytes())?;
     Ok(())
@@ -150,8 +156,8 @@ fn title(inputs: &[SequenceInput]) -> String {
     }
 }
 
-/// Tables and verdict for a terminal, and where the page is.
-fn text(study: &Study, page: &Path) -> String {
+/// Tables and verdict for a terminal, and where the page and the recording are.
+fn text(study: &Study, page: &Path, recording: Option<&Path>) -> String {
     let mut text = String::new();
     for sequence in &study.sequences {
         // Writing to a String cannot fail.
@@ -172,6 +178,8 @@ fn text(study: &Study, page: &Path) -> String {
             writeln!(text, "{sentence}").ok();
         }
     }
-    writeln!(text, "{}", page.display()).ok();
+    for file in std::iter::once(page).chain(recording) {
+        writeln!(text, "{}", file.display()).ok();
+    }
     text
 }

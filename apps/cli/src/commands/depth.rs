@@ -2,13 +2,12 @@
 
 use crate::device::DeviceArgs;
 use crate::input::parse_size;
+use crate::model;
 use anyhow::bail;
 use endoscape_core::Size;
 use endoscape_frames::picture;
-use endoscape_nets::Checkpoint;
 use endoscape_odometry::run_folder::{DepthWriter, Draft};
-use endoscape_odometry::{DepthFormat, LearnedDepth, OdometryConfig};
-use endoscape_train::model_folder;
+use endoscape_odometry::{DepthFormat, LearnedDepth};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -48,9 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let names = names(&args.images)?;
     let device = args.device.device.open()?;
-    let checkpoint = Checkpoint::load(&model_folder(&args.model), &device)?;
-    let config = OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), args.size);
-    config.validate()?;
+    let (checkpoint, config) = model::load(&args.model, args.size, &device)?;
     let network = LearnedDepth::new(&checkpoint, config.size, &device)?;
     let (draft, mut writer) = (Draft::create(&args.out)?, DepthWriter::new(args.depth));
     for (name, path) in &names {

@@ -1,5 +1,6 @@
 //! `endoscape devices`: what this build can compute on.
 
+use crate::device::DeviceName;
 use serde::Serialize;
 use std::io::Write as _;
 
@@ -50,11 +51,13 @@ const BACKENDS: &[(&str, bool)] = &[
 ];
 
 fn backend((name, in_build): &(&str, bool)) -> Device {
-    let detail = match in_build {
-        true => format!("in this build: --device {name}"),
-        false => format!("not in this build: add --features {name}"),
+    let available = *in_build && name.parse().is_ok_and(|device: DeviceName| device.open().is_ok());
+    let detail = match (in_build, available) {
+        (true, true) => format!("--device {name}"),
+        (true, false) => "in this build, but no driver or device answers".to_owned(),
+        (false, _) => format!("not in this build: add --features {name}"),
     };
-    Device { name: (*name).into(), available: *in_build, detail }
+    Device { name: (*name).into(), available, detail }
 }
 
 /// Vector instructions of the processor that runs this.

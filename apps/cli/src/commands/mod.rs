@@ -2,6 +2,7 @@
 
 pub mod compare;
 pub mod convert;
+pub mod demo;
 pub mod depth;
 pub mod devices;
 pub mod eval;

@@ -2,14 +2,12 @@
 
 use crate::device::DeviceArgs;
 use crate::input::parse_size;
+use crate::model;
 use anyhow::bail;
 use endoscape_core::{Image, Pose, Size, se3};
 use endoscape_frames::picture;
 use endoscape_frames::preprocess::resize;
-use endoscape_nets::Checkpoint;
-use endoscape_odometry::OdometryConfig;
 use endoscape_odometry::networks::{MotionModel as _, MotionNetwork};
-use endoscape_train::model_folder;
 use serde::Serialize;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -63,9 +61,7 @@ struct Motion {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let device = args.device.device.open()?;
-    let checkpoint = Checkpoint::load(&model_folder(&args.model), &device)?;
-    let config = OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), args.size);
-    config.validate()?;
+    let (checkpoint, config) = model::load(&args.model, args.size, &device)?;
     let network = MotionNetwork::new(checkpoint.pose, &device)?;
     let Window { target, sources } = window(args.images.len(), network.side())?;
     let pictures = read(&args.images, config.size)?;

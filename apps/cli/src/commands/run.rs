@@ -3,15 +3,18 @@
 use crate::device::DeviceArgs;
 use crate::input::{InputArgs, parse_field_of_view, parse_range, parse_size};
 use crate::memory::peak_memory_mb;
+use crate::model;
 use crate::progress::Progress;
+use crate::record::{RecordArgs, Recorder};
 use anyhow::{Context as _, bail};
+use endoscape_baselines::fused::{Fused, FusedConfig, Recorded};
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
-use endoscape_core::{Event, EventSink as _, MagneticReading, Odometry, Size};
+#[cfg(feature = "orb")]
+use endoscape_baselines::{Orb, OrbConfig};
+use endoscape_core::{Camera, Event, EventSink as _, MagneticReading, MagneticRig, Odometry, Size};
 use endoscape_frames::{Sequence, magnet};
-use endoscape_nets::Checkpoint;
 use endoscape_odometry::pipeline::{self, Job};
 use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
-use endoscape_train::model_folder;
 use serde::Serialize;
 use signal_hook::consts::SIGINT;
 use std::collections::BTreeMap;
@@ -40,13 +43,21 @@ const METRES: &str = "metres";
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned, direct (from brightness, without a model) or magnetic (from the readings of a
-    /// sequence folder's magnet.csv).
+    /// How motion is estimated: learned, direct (from brightness, without a model), orb (from corners,
+    /// in builds with the feature orb), magnetic (from the readings of a
+    /// sequence folder's magnet.csv) or fused (those readings with the learned method where --model is given, else with
+    /// the direct one).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
+    /// Settings of the orb method: endo for pictures from inside the body, ordinary for streets and rooms.
+    #[arg(long, value_name = "NAME", default_value = "endo")]
+    preset: Preset,
     /// Training run or checkpoint with the networks.
     #[arg(long, value_name = "CKPT")]
     model: Option<PathBuf>,
+    /// Chain the motions of the networks as they are, not sharpened by the pictures.
+    #[arg(long)]
+    networks_only: bool,
     /// Horizontal field of view to assume for an input without calibration.
     #[arg(long, value_name = "DEGREES", value_parser = parse_field_of_view)]
     hfov: Option<f64>,
@@ -63,6 +74,8 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
+    record: RecordArgs,
+    #[command(flatten)]
     device: DeviceArgs,
     /// Print the summary as JSON.
     #[arg(long)]
@@ -74,7 +87,28 @@ pub struct Args {
 enum Method {
     Learned,
     Direct,
+    Orb,
     Magnetic,
+    Fused,
+}
+
+/// What the pictures of the orb method are like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Preset {
+    Endo,
+    Ordinary,
+}
+
+impl FromStr for Preset {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "endo" => Ok(Self::Endo),
+            "ordinary" => Ok(Self::Ordinary),
+            _ => Err(format!("`{text}` is no preset; choose endo or ordinary")),
+        }
+    }
 }
 
 impl Method {
@@ -82,7 +116,9 @@ impl Method {
         match self {
             Self::Learned => "learned",
             Self::Direct => "direct",
+            Self::Orb => "orb",
             Self::Magnetic => "magnetic",
+            Self::Fused => "fused",
         }
     }
 }
@@ -94,8 +130,14 @@ impl FromStr for Method {
         match text {
             "learned" => Ok(Self::Learned),
             "direct" => Ok(Self::Direct),
+            "orb" if cfg!(feature = "orb") => Ok(Self::Orb),
+            "orb" => Err("ORB SLAM is not in this build of endoscape; build it with --features orb".into()),
             "magnetic" => Ok(Self::Magnetic),
-            _ => Err(format!("`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic")),
+            "fused" => Ok(Self::Fused),
+            _ => Err(format!(
+                "`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused{}",
+                if cfg!(feature = "orb") { ", orb" } else { "" }
+            )),
         }
     }
 }
@@ -146,7 +188,7 @@ struct DepthSummary {
     unit: &'static str,
     size: Option<Size>,
     /// The camera at that size.
-    camera: Option<endoscape_core::Camera>,
+    camera: Option<Camera>,
 }
 
 /// The call as it was resolved.
@@ -155,13 +197,14 @@ struct Config {
     input: String,
     format: String,
     range: Option<Range<usize>>,
-    camera: Option<endoscape_core::Camera>,
+    camera: Option<Camera>,
     settings: serde_json::Value,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut progress = Progress::new();
+    let recorder = args.record.open()?;
     let sequence = args.input.open_assuming(args.hfov)?;
     args.warn(&sequence, &mut progress);
     let mut prepared = args.prepare(&sequence)?;
@@ -177,20 +220,32 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let summary = args.summary(&sequence, prepared, account, (&writer, &out))?;
     writer.finish(&summary)?;
-    let page = write_report(&sequence, &out, &mut progress);
-    report(args.json, &summary, page.as_deref())
+    let pages = write_report(&sequence, &out, recorder, &mut progress)?;
+    report(args.json, &summary, &pages)
 }
 
-/// The page about the run. The results are safe by now, so that a page that cannot be made is a warning.
-fn write_report(sequence: &Sequence, out: &Path, progress: &mut Progress) -> Option<PathBuf> {
+/// What was written about the run, by name.
+type Pages = Vec<(&'static str, PathBuf)>;
+
+/// The page about the run, and the recording if one is asked for. The results are safe by now, so that a page that cannot
+/// be made is a warning.
+fn write_report(sequence: &Sequence, out: &Path, recorder: Recorder, progress: &mut Progress) -> anyhow::Result<Pages> {
     let recorded = Some(sequence).filter(|sequence| !sequence.is_live());
-    match endoscape_report::run_report(out, recorded) {
-        Ok(page) => Some(page),
-        Err(error) => {
-            progress.event(Event::Warned(format!("no report was written: {error}")));
-            None
+    let mut pages = Pages::new();
+    let mut unwritten = |error| progress.event(Event::Warned(format!("no report was written: {error}")));
+    match endoscape_report::judge_run(out, recorded) {
+        Ok(study) => {
+            match endoscape_report::write_run(&study, out) {
+                Ok(page) => pages.push(("report", page)),
+                Err(error) => unwritten(error),
+            }
+            let recording = recorder.write(&study, &[recorded])?;
+            pages.extend(recording.map(|file| ("recording", file)));
         }
+        Err(error) if recorder.is_wanted() => return Err(error.into()),
+        Err(error) => unwritten(error),
     }
+    Ok(pages)
 }
 
 /// Lets Ctrl-C end the run in an orderly way.
@@ -218,8 +273,26 @@ impl Args {
         match self.method {
             Method::Learned => self.prepare_learned(),
             Method::Direct => prepare_direct(sequence),
+            Method::Orb => prepare_orb(sequence, self.preset),
             Method::Magnetic => prepare_magnetic(sequence),
+            Method::Fused => self.prepare_fused(sequence),
         }
+    }
+
+    /// The magnet's readings with the camera's motion by another method.
+    fn prepare_fused(&self, sequence: &Sequence) -> anyhow::Result<Prepared> {
+        let (rig, readings) = read_magnet(sequence, Method::Fused)?;
+        let visual = if self.model.is_some() { self.prepare_learned()? } else { prepare_direct(sequence)? };
+        let config = FusedConfig { visual_confidence: visual.lost_below, ..FusedConfig::default() };
+        let fused = Fused::new(config, visual.odometry, rig)?;
+        Ok(Prepared {
+            odometry: Box::new(Recorded::new(fused, readings)),
+            readings: None,
+            unit: METRES,
+            model: visual.model,
+            lost_below: LOST_BELOW,
+            settings: serde_json::json!({ "fused": config, "visual": visual.settings }),
+        })
     }
 
     fn prepare_learned(&self) -> anyhow::Result<Prepared> {
@@ -227,8 +300,8 @@ impl Args {
             bail!("the learned method needs a model; name a training run or checkpoint with --model");
         };
         let device = self.device.device.open()?;
-        let checkpoint = Checkpoint::load(&model_folder(model), &device)?;
-        let config = OdometryConfig::for_model(checkpoint.manifest.input.as_ref(), self.size);
+        let (checkpoint, config) = model::load(model, self.size, &device)?;
+        let config = OdometryConfig { refine: !self.networks_only, ..config };
         Ok(Prepared {
             model: Some(model.display().to_string()),
             lost_below: config.lost_below,
@@ -285,12 +358,41 @@ impl Args {
     }
 }
 
-fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let Some(camera) = &sequence.camera else {
-        bail!(
-            "the direct method needs the camera; give a calibration with --camera FILE or the field of view with --hfov DEGREES"
-        );
+/// The camera, which a method needs.
+fn known_camera(sequence: &Sequence, method: Method) -> anyhow::Result<&Camera> {
+    sequence.camera.as_ref().with_context(|| {
+        format!(
+            "the {} method needs the camera; give a calibration with --camera FILE or the field of view with --hfov \
+             DEGREES",
+            method.name()
+        )
+    })
+}
+
+#[cfg(feature = "orb")]
+fn prepare_orb(sequence: &Sequence, preset: Preset) -> anyhow::Result<Prepared> {
+    let camera = known_camera(sequence, Method::Orb)?;
+    let config = match preset {
+        Preset::Endo => OrbConfig::endoscopic(),
+        Preset::Ordinary => OrbConfig::ordinary(),
     };
+    Ok(Prepared {
+        model: None,
+        lost_below: LOST_BELOW,
+        settings: serde_json::to_value(config)?,
+        odometry: Box::new(Orb::new(config, camera)?),
+        readings: None,
+        unit: "of the first map's depth, not metres",
+    })
+}
+
+#[cfg(not(feature = "orb"))]
+fn prepare_orb(_sequence: &Sequence, _preset: Preset) -> anyhow::Result<Prepared> {
+    bail!("ORB SLAM is not in this build of endoscape; build it with --features orb")
+}
+
+fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
+    let camera = known_camera(sequence, Method::Direct)?;
     let config = DirectConfig::default();
     Ok(Prepared {
         model: None,
@@ -303,13 +405,7 @@ fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
 }
 
 fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let Some((rig, readings)) = magnet::read(&sequence.root)? else {
-        bail!(
-            "{}: holds no magnet.toml and magnet.csv, which the magnetic method needs; give a sequence folder with the \
-             readings of a magnetic array",
-            sequence.root.display()
-        );
-    };
+    let (rig, readings) = read_magnet(sequence, Method::Magnetic)?;
     let config = MagneticConfig::default();
     Ok(Prepared {
         model: None,
@@ -321,7 +417,20 @@ fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
     })
 }
 
-fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<()> {
+/// The magnet, the array and their readings, which a method needs.
+fn read_magnet(sequence: &Sequence, method: Method) -> anyhow::Result<(MagneticRig, Vec<MagneticReading>)> {
+    let Some(found) = magnet::read(&sequence.root)? else {
+        bail!(
+            "{}: holds no magnet.toml and magnet.csv, which the {} method needs; give a sequence folder with the \
+             readings of a magnetic array",
+            sequence.root.display(),
+            method.name()
+        );
+    };
+    Ok(found)
+}
+
+fn report(json: bool, summary: &Summary, pages: &Pages) -> anyhow::Result<()> {
     for warning in &summary.warnings {
         // Nothing can be done about a standard error that is closed.
         writeln!(std::io::stderr(), "warning: {warning}").ok();
@@ -340,8 +449,8 @@ fn report(json: bool, summary: &Summary, page: Option<&Path>) -> anyhow::Result<
     for (stage, Percentiles { p50, p95, p99, max }) in &summary.stages_ms {
         writeln!(stdout, "  {stage:<12}{p50:>8.2} ms   95 % {p95:>8.2}   99 % {p99:>8.2}   longest {max:>8.2}")?;
     }
-    if let Some(page) = page {
-        writeln!(stdout, "  report      {}", page.display())?;
+    for (name, page) in pages {
+        writeln!(stdout, "  {name:<12}{}", page.display())?;
     }
     Ok(())
 }

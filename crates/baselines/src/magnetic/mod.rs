@@ -124,11 +124,18 @@ impl Magnetic {
             return Some(warm.clone());
         }
         let starts = search::starts(measured, array, &prior, moment_a_m2, STARTS);
-        let cold = starts.into_iter().filter_map(|start| fit::fit(measured, start, prior, &config));
         // In front of the array only: behind it lies the mirror image.
         let base_m = array.positions_m.iter().fold(f64::INFINITY, |low, p| low.min(p[2]));
-        let all = cold.chain(warm).filter(|fit| fit.state.position_m.z > base_m);
-        all.min_by(|a, b| {
+        let in_front = |fit: &Fit| fit.state.position_m.z > base_m;
+        // The best start nearly always ends at the magnet, and a plausible end is no other place by chance.
+        let mut failed: Vec<Fit> = warm.into_iter().filter(in_front).collect();
+        for start in starts {
+            match fit::fit(measured, start, prior, &config).filter(in_front) {
+                Some(found) if plausible(&found, measured.len()) => return Some(found),
+                found => failed.extend(found),
+            }
+        }
+        failed.into_iter().min_by(|a, b| {
             (a.outliers, a.chi_squared).partial_cmp(&(b.outliers, b.chi_squared)).unwrap_or(std::cmp::Ordering::Equal)
         })
     }

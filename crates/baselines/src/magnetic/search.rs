@@ -56,13 +56,14 @@ fn linear_state(
 ) -> Option<(f64, MagnetState)> {
     let mut unknowns = SVector::<f64, 6>::zeros();
     let mut misfit = f64::INFINITY;
+    let rows: Vec<_> = linear_rows(measurements, &position_m, prior, noise_tesla).collect();
     for round in 0..ROUNDS {
         let (mut equations, mut absolute) = (NormalEquations::<6>::empty(), 0.0);
-        for (derivative, value) in linear_rows(measurements, &position_m, prior, noise_tesla) {
+        for (derivative, value) in &rows {
             let residual = derivative.dot(&unknowns) - value;
             absolute += residual.abs();
             let weight = if round == 0 { 1.0 } else { 1.0 / residual.abs().max(1.0) };
-            equations.add(residual, &derivative, weight);
+            equations.add(residual, derivative, weight);
         }
         unknowns -= least_squares::covariance(&equations.information)? * equations.gradient;
         misfit = absolute;

@@ -14,7 +14,7 @@ fn frame(position: usize, pixels: f64) -> (View, Keyframe) {
     let luma = Arc::new(image.luma());
     let thumbnail = Thumbnail::new(&image, &Mask::filled(SIZE, true));
     let world_from_camera = Pose::translation(pixels, position as f64, 0.0);
-    let view = View { position, image: Arc::new(image), world_from_camera };
+    let view = View { position, image: Arc::new(image), contrast: None, world_from_camera };
     let depth = Arc::new(Grid::filled(SIZE, 1.0));
     let keyframe = Keyframe::new(view.clone(), luma, thumbnail, depth, Scale::default());
     (view, keyframe)
@@ -38,7 +38,7 @@ fn follow(count: usize, speed: impl Fn(usize) -> f64, spacing: Spacing) -> Vec<(
         assert!(Arc::ptr_eq(window.sources.last().unwrap(), &view.image));
         images.push(view.image.clone());
         let first = images.iter().position(|image| Arc::ptr_eq(image, &window.sources[0])).unwrap();
-        let previous = window.world_from_previous.map(|pose| pose.translation.y as usize);
+        let previous = window.previous.map(|view| view.world_from_camera.translation.y as usize);
         assert!(previous.is_none_or(|previous| distance == Distance::Far && previous == first));
         let moved = pixels - history.anchor().view.world_from_camera.translation.x;
         measured.push((history.anchor().view.position, first, moved));

@@ -17,6 +17,9 @@ pub const UNITS: f64 = 10.0;
 /// Points of a line nearer than this to the one before are left out, pixels; nobody sees them.
 const FINEST: f64 = 0.35;
 
+/// Most points of a line that crosses from column to column of pixels all the time; of a longer one every n-th is drawn.
+const MOST: usize = 4000;
+
 type Drawn = Result<(), DrawingErrorKind<Infallible>>;
 
 /// Escapes text for SVG.
@@ -90,6 +93,7 @@ fn opacity_attribute(opacity: f64) -> String {
 
 /// `M x y L x y ...` without the points nobody sees; `None` for no points.
 fn path(points: &[(f64, f64)]) -> Option<String> {
+    let points = thinned(points);
     let (mut kept, last) = (*points.first()?, points.len() - 1);
     let mut path = format!("M{:.1} {:.1}", kept.0, kept.1);
     for (index, point) in points.iter().enumerate().skip(1) {
@@ -100,6 +104,23 @@ fn path(points: &[(f64, f64)]) -> Option<String> {
         }
     }
     Some(path)
+}
+
+/// Where a line stays in one column of pixels, its ends, lowest and highest point paint the same as all of it: an hour of
+/// frames is drawn by a few thousand points.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let column = |run: &[(f64, f64)]| {
+        let by_height = |a: &usize, b: &usize| run[*a].1.total_cmp(&run[*b].1);
+        let (low, high) = ((0..run.len()).min_by(by_height), (0..run.len()).max_by(by_height));
+        let mut kept: Vec<usize> = [Some(0), low, high, run.len().checked_sub(1)].into_iter().flatten().collect();
+        kept.sort_unstable();
+        kept.dedup();
+        kept.into_iter().map(|index| run[index]).collect::<Vec<_>>()
+    };
+    let kept: Vec<_> = points.chunk_by(|a, b| a.0.floor() == b.0.floor()).flat_map(column).collect();
+    let (step, end) = (kept.len().div_ceil(MOST).max(1), kept.last().copied());
+    let tail = end.filter(|_| kept.len() % step != 1 && step > 1);
+    kept.into_iter().step_by(step).chain(tail).collect()
 }
 
 /// Where plotters draws: elements are appended to a text.

@@ -21,7 +21,7 @@ const BAR: i32 = 30;
 const BAND: f64 = 0.16;
 
 /// Space for labels left and below, for the title above, and free at the right, pixels.
-const MARGINS: [f64; 4] = [58.0, 52.0, 30.0, 16.0];
+const MARGINS: [f64; 4] = [58.0, 46.0, 30.0, 16.0];
 
 /// Sizes of letters, pixels.
 const TITLE_SIZE: f64 = 14.0;

@@ -131,3 +131,19 @@ fn letters_are_drawn_with_the_font_inside() {
     assert!(dark(&letters).pixels().any(|pixel| pixel.0[3] > 200));
     assert!(raster::png("none", "no svg").is_err());
 }
+
+#[test]
+fn an_hour_of_noise_stays_small_and_keeps_its_peaks() {
+    let noise = |index: u32| f64::from(index.wrapping_mul(2_654_435_761) >> 8) / f64::from(1_u32 << 24);
+    let along: Vec<(f64, f64)> = (0..90_000).map(|i| (f64::from(i) / 180.0, 100.0 * noise(i))).collect();
+    let across: Vec<(f64, f64)> = (0..90_000).map(|i| (400.0 * noise(i), 300.0 * noise(i + 7))).collect();
+    for (points, most) in [(&along, 40_000), (&across, 80_000)] {
+        let line = polyline(points, Ink::Method(0), 1.0, 1.0, false);
+        assert!(line.len() < most, "{}", line.len());
+        let last = points[points.len() - 1];
+        assert!(line.contains(&format!("L{:.1} {:.1}\"", last.0, last.1)), "the end is drawn");
+    }
+    let mut peaked = along;
+    peaked[54_321].1 = 999.0;
+    assert!(polyline(&peaked, Ink::Method(0), 1.0, 1.0, false).contains(" 999.0"));
+}

@@ -25,17 +25,11 @@ const WORST: f32 = 0.3;
 
 /// Disparity of prediction and truth side by side, with the error between them.
 pub fn depth(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> {
-    let methods: Vec<(&MethodStudy, BTreeMap<usize, &DepthView>)> = sequence
-        .methods
-        .iter()
-        .filter_map(|method| Some((method, by_number(&method.depth.as_ref()?.views, |view| view.number))))
-        .collect();
+    let methods = by_method(sequence, |method| Some(&method.depth.as_ref()?.views), |view: &DepthView| view.number);
     let Some((_, first)) = methods.first() else { return Ok(None) };
     let judged = first.values().any(|view| view.truth.is_some());
-    let mut heads = vec!["input".to_owned()];
-    heads.extend(methods.iter().map(|(method, _)| method.name.clone()));
+    let mut heads = heads(&methods, judged.then_some("truth"));
     if judged {
-        heads.push("truth".to_owned());
         heads.extend(methods.iter().map(|(method, _)| format!("error of {}", method.name)));
     }
     let range = disparity_range(&methods, judged);
@@ -67,8 +61,23 @@ pub fn depth(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> {
     }))
 }
 
-fn by_number<T>(views: &[T], number: impl Fn(&T) -> usize) -> BTreeMap<usize, &T> {
-    views.iter().map(|view| (number(view), view)).collect()
+/// A method with the frames a figure shows of it, by number.
+type Shown<'a, T> = (&'a MethodStudy, BTreeMap<usize, &'a T>);
+
+/// The methods that have `views`.
+fn by_method<'a, T>(
+    sequence: &'a SequenceStudy,
+    views: impl Fn(&'a MethodStudy) -> Option<&'a Vec<T>>,
+    number: impl Fn(&T) -> usize,
+) -> Vec<Shown<'a, T>> {
+    let by_number = |views: &'a Vec<T>| views.iter().map(|view| (number(view), view)).collect();
+    sequence.methods.iter().filter_map(|method| Some((method, by_number(views(method)?)))).collect()
+}
+
+/// Heads of the columns: the picture, what each method says, and the truth if there is one.
+fn heads<T>(methods: &[Shown<'_, T>], truth: Option<&str>) -> Vec<String> {
+    let names = methods.iter().map(|(method, _)| method.name.as_str());
+    std::iter::once("input").chain(names).chain(truth).map(str::to_owned).collect()
 }
 
 fn numbers<'a>(numbers: impl Iterator<Item = &'a usize>) -> String {
@@ -86,7 +95,7 @@ fn depth_caption(judged: bool) -> String {
 }
 
 /// Lowest and highest disparity of the colours, of the truth if there is any.
-fn disparity_range(methods: &[(&MethodStudy, BTreeMap<usize, &DepthView>)], judged: bool) -> [f32; 2] {
+fn disparity_range(methods: &[Shown<'_, DepthView>], judged: bool) -> [f32; 2] {
     let views = || methods.iter().flat_map(|(_, views)| views.values());
     let maps: Vec<&DepthMap> = if judged {
         views().filter_map(|view| view.truth.as_ref()).collect()
@@ -159,18 +168,10 @@ fn depth_csv(sequence: &SequenceStudy) -> String {
 
 /// Reliability beside the picture and, where there is one, the true mask.
 pub fn reliability(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportError> {
-    let methods: Vec<(&MethodStudy, BTreeMap<usize, &MaskView>)> = sequence
-        .methods
-        .iter()
-        .filter_map(|method| Some((method, by_number(&method.masks.as_ref()?.views, |view| view.number))))
-        .collect();
+    let methods = by_method(sequence, |method| Some(&method.masks.as_ref()?.views), |view: &MaskView| view.number);
     let Some((_, first)) = methods.first() else { return Ok(None) };
     let judged = first.values().any(|view| view.truth.is_some());
-    let mut heads = vec!["input".to_owned()];
-    heads.extend(methods.iter().map(|(method, _)| method.name.clone()));
-    if judged {
-        heads.push("true mask".to_owned());
-    }
+    let heads = heads(&methods, judged.then_some("true mask"));
     let mut csv = Csv::new(&["method", "frame", "mean_reliability"]);
     let mut rows = Vec::new();
     for (number, view) in first {

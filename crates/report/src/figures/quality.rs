@@ -84,7 +84,7 @@ pub fn calibration(sequence: &SequenceStudy) -> Result<Option<Figure>, ReportErr
         caption:
             "Confidence of each frame beside the translational error of the motion that led to it. Left: the mean \
                   error that remains when the least confident frames are taken away; grey is the best order possible, \
-                  and the area between the curves (AUSE) is 0 for a perfect one. Right: mean error in twenty bins of \
+                  and the area between the curves (AUSE) is 0 for a perfect one; chance is that of a confidence that says nothing. Right: mean error in twenty bins of \
                   equally many frames."
                 .to_owned(),
         legend: charts[0].legend(),
@@ -107,7 +107,7 @@ fn sparsification(judged: &[Judged]) -> Chart {
             values.iter().enumerate().map(point).collect()
         };
         lines.push(Line::new("", Ink::Muted, Shape::Joined, curve(&calibration.oracle)));
-        let name = format!("{name} (AUSE {:.3})", calibration.ause);
+        let name = format!("{name} (AUSE {:.3}, chance {:.3})", calibration.ause, calibration.ause_chance);
         lines.push(Line::new(name, *ink, Shape::Joined, curve(&calibration.sparsification)));
     }
     Chart {

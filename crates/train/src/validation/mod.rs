@@ -25,6 +25,8 @@ use trajectory::score_trajectory;
 pub struct Scores {
     /// Photometric loss on snippets as they are, without reliability and auto-masking, which are no way to be better.
     pub photometric: f64,
+    /// Disagreement of depth and brightness; `None` where the objective leaves it out.
+    pub light: Option<f64>,
     /// Share of the pixels it was measured on: those a source shows.
     pub coverage: f64,
     /// Mean absolute relative depth error after median scaling per picture.
@@ -40,6 +42,7 @@ impl Scores {
     pub fn named(&self) -> BTreeMap<String, f64> {
         let all = [
             ("photometric", Some(self.photometric)),
+            ("light", self.light),
             ("coverage", Some(self.coverage)),
             ("depth_abs_rel", self.depth_abs_rel),
             ("depth_d1", self.depth_d1),
@@ -75,9 +78,10 @@ impl Validator {
         let depth = self.depth(model)?;
         let trajectories: Vec<f64> =
             self.dataset.clips().filter_map(|(clip, gap)| score_trajectory(model, clip, gap, &self.device)).collect();
-        let [photometric, coverage] = self.photometric(model)?;
+        let [photometric, light, coverage] = self.objective_terms(model)?;
         Ok(Scores {
             photometric,
+            light: (self.objective.light_weight > 0.0).then_some(light),
             coverage,
             depth_abs_rel: depth.map(|score| score.abs_rel),
             depth_d1: depth.map(|score| score.d1),
@@ -85,8 +89,8 @@ impl Validator {
         })
     }
 
-    /// Photometric loss and coverage.
-    fn photometric(&self, model: &DepthMotionModel) -> Result<[f64; 2], TrainError> {
+    /// Photometric loss, light term and coverage.
+    fn objective_terms(&self, model: &DepthMotionModel) -> Result<[f64; 3], TrainError> {
         let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
         let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
         for indices in indices.chunks(self.batch) {
@@ -96,12 +100,12 @@ impl Validator {
             let mut prediction = model.predict(&batch, false).prediction;
             prediction.masks.clear();
             let terms = objective(&batch.views, &prediction, &self.objective);
-            let weighted = Tensor::cat(vec![terms.photometric, terms.coverage], 0) * indices.len() as f64;
+            let weighted = Tensor::cat(vec![terms.photometric, terms.light, terms.coverage], 0) * indices.len() as f64;
             sum = Some(sum.map_or(weighted.clone(), |sum| sum + weighted));
             count += indices.len() as f64;
         }
         let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
-        Ok([0, 1].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
+        Ok([0, 1, 2].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
     }
 
     fn depth(&self, model: &DepthMotionModel) -> Result<Option<DepthScore>, TrainError> {
@@ -143,8 +147,14 @@ mod tests {
 
     #[test]
     fn figures_that_do_not_exist_are_not_named() {
-        let scores =
-            Scores { photometric: 0.2, coverage: 0.9, depth_abs_rel: None, depth_d1: None, ate_m: Some(0.001) };
+        let scores = Scores {
+            photometric: 0.2,
+            light: None,
+            coverage: 0.9,
+            depth_abs_rel: None,
+            depth_d1: None,
+            ate_m: Some(0.001),
+        };
         assert_eq!(scores.named().into_keys().collect::<Vec<_>>(), ["ate_m", "coverage", "photometric"]);
     }
 }
