@@ -2,10 +2,10 @@
 """Times inference and a training step of endoscape beside ONNX Runtime and PyTorch, in turns, on the same sizes.
 
     cargo build --release -p endoscape-train --example bench_nets
-    python3 scripts/bench_nets.py [--binary FILE] [--rounds N] [--threads N] [--only inference|training]
+    python3 scripts/bench_nets.py [--binary FILE] [--rounds N] [--threads N] [--only inference|training|profile]
 
 Every round runs each program in turn, so that a busy machine slows all of them; medians over all rounds and ratios of
-the medians are printed as a Markdown table. Ratios below 1 mean endoscape is faster. Needs numpy and, for inference,
+the medians are printed as a Markdown table, then one of the layers of each network. Ratios below 1 mean endoscape is faster. Needs numpy and, for inference,
 onnxruntime; for training, torch. Whichever is missing is left out.
 """
 
@@ -98,6 +98,21 @@ def rate(endoscape, nets, size, arguments):
     for _ in range(arguments.rounds):
         seconds += endoscape.ask(f"infer both {nets} {size} {4 * PER_ROUND}")
     print(f"| depth and motion, `{nets}`, {size} | {np.median(seconds) * 1e3:.1f} ms | {1 / np.median(seconds):.0f} frames/s |")
+
+
+def profile(endoscape, what, nets, size, least_share=0.01):
+    """Time of each step of a network; steps that take less than a share of all are added up."""
+    steps = endoscape.ask(f"profile {what} {nets} {size} {4 * PER_ROUND}")
+    total = sum(seconds for *_, seconds in steps)
+    print(f"\n| {what}, `{nets}`, {size}: layer | output | ms | share | GFLOP/s |\n|---|---|---|---|---|")
+    rest = 0
+    for name, (rows, columns), operations, seconds in steps:
+        if seconds < least_share * total:
+            rest += seconds
+            continue
+        speed = f"{operations / seconds / 1e9:.0f}" if operations else ""
+        print(f"| {name} | {columns}x{rows} | {seconds * 1e3:.2f} | {seconds / total:.0%} | {speed} |")
+    print(f"| others | | {rest * 1e3:.2f} | {rest / total:.0%} | |\n| all | | {total * 1e3:.2f} | | |")
 
 
 def block(channels_in, channels_out, kernel, stride):
@@ -259,19 +274,22 @@ def main():
     parser.add_argument("--binary", default="target/release/examples/bench_nets")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--only", choices=["inference", "training"])
+    parser.add_argument("--only", choices=["inference", "training", "profile"])
     arguments = parser.parse_args()
     endoscape = Endoscape(arguments.binary, arguments.threads)
     print("| task | endoscape, ms (median / least) | other | other, ms | ratio of medians |")
     print("|---|---|---|---|---|")
-    if arguments.only != "training" and onnxruntime:
+    if arguments.only in (None, "inference") and onnxruntime:
         for nets, size in (("endo", "416x128"), ("fast", "160x128"), ("fast", "256x256")):
             inference(endoscape, nets, size, arguments)
-    if arguments.only != "inference" and torch:
+    if arguments.only in (None, "training") and torch:
         training(endoscape, "416x128", 4, arguments)
-    if arguments.only != "training":
+    if arguments.only in (None, "inference"):
         for size in ("160x128", "256x256"):
             rate(endoscape, "fast", size, arguments)
+    if arguments.only in (None, "profile"):
+        for what in ("depth", "motion"):
+            profile(endoscape, what, "endo", "416x128")
     if not (onnxruntime or torch):
         sys.exit("neither onnxruntime nor torch is installed")
 

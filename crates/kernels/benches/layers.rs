@@ -1,12 +1,12 @@
-//! Speed of layers of the two networks at 128 x 416, beside the fastest this machine multiplies at all.
+//! Speed of the products of layers of the two networks at 128 x 416, by every method that can compute them.
 //!
-//! `cargo bench -p endoscape-kernels [-- BATCH]` prints milliseconds and GFLOP/s of each product; operations with
-//! padding count.
-#![allow(clippy::print_stdout, reason = "a benchmark prints")]
+//! `cargo bench -p endoscape-kernels --bench layers [NAME]`; items are operations of the direct method, those with
+//! padding included, so items per second are comparable between methods. The method chosen is marked by a star.
 
+use divan::{Bencher, counter::ItemsCount};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, weight_gradient};
-use std::time::Instant;
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Method, Workspace, weight_gradient};
+use std::fmt;
 
 /// Name, channels of the large and the small picture, kernel, stride, rows and columns of the large one.
 type Layer = (&'static str, [usize; 2], usize, usize, [usize; 2]);
@@ -32,53 +32,93 @@ const LAYERS: [Layer; 19] = [
     ("pose conv1 7x7/2", [9, 16], 7, 2, [128, 416]),
     ("pose upconv1 4x4/2", [16, 32], 4, 2, [128, 416]),
 ];
-
-fn median_ms(mut run: impl FnMut()) -> f64 {
-    run();
-    let time = |_| {
-        let begun = Instant::now();
-        run();
-        begun.elapsed().as_secs_f64() * 1e3
-    };
-    let mut times: Vec<f64> = (0..7).map(time).collect();
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
-}
+/// Pictures of a batch in training.
+const BATCH: usize = 4;
 
 fn main() {
-    let batch = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(1);
-    let level = Level::default();
-    println!("{}, batch {batch}; milliseconds and GFLOP/s", level.name());
-    println!("{:<20} {:>16} {:>16} {:>16}", "layer", "to small", "to large", "weights");
-    let mut totals = [0.0; 3];
-    for (name, [large_channels, small_channels], kernel, stride, large) in LAYERS {
-        let small = large.map(|length| length.div_ceil(stride));
-        let before = [(kernel - 1) / 2; 2];
-        let geometry = Geometry { large_channels, small_channels, kernel, stride, before, large, small };
-        let mut from = vec![0.5; batch * large_channels * geometry.large_area()];
-        let mut to = vec![0.5; batch * small_channels * geometry.small_area()];
-        let mut weights = vec![0.5; geometry.weights()];
-        let (mut workspace, mut sums) = (Workspace::default(), GradientWorkspace::default());
-        let mut best = [f64::INFINITY; 2];
-        let mut all = String::new();
-        for method in endoscape_kernels::Method::ALL {
-            let Ok(down) = Correlation::to_small(&geometry, level).by(method) else { continue };
-            let packed = down.pack(&weights);
-            let small_ms = median_ms(|| down.run(&from, &packed, Epilogue::default(), &mut to, &mut workspace));
-            let Ok(up) = Correlation::to_large(&geometry, level).by(method) else { continue };
-            let packed = up.pack(&weights);
-            let large_ms = median_ms(|| up.run(&to, &packed, Epilogue::default(), &mut from, &mut workspace));
-            all += &format!("  {small_ms:>7.3} {large_ms:>7.3}");
-            best = [best[0].min(small_ms), best[1].min(large_ms)];
-        }
-        let [small_ms, large_ms] = best;
-        println!("{name:<20} {all}   chosen {:?} {:?}", Correlation::to_small(&geometry, level).method(), Correlation::to_large(&geometry, level).method());
-        let weights_ms = median_ms(|| weight_gradient(&geometry, level, &from, &to, &mut weights, &mut sums));
-        let cell = |ms: f64| format!("{ms:>9.3} {:>6.0}", (batch * geometry.operations()) as f64 / ms / 1e6);
-        println!("{name:<20} {} {} {}", cell(small_ms), cell(large_ms), cell(weights_ms));
-        for (total, ms) in totals.iter_mut().zip([small_ms, large_ms, weights_ms]) {
-            *total += ms;
-        }
+    divan::main();
+}
+
+/// A layer and a method.
+#[derive(Clone, Copy)]
+struct Case {
+    name: &'static str,
+    geometry: Geometry,
+    method: Method,
+    chosen: bool,
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, method, chosen, .. } = self;
+        write!(formatter, "{name} {method:?}{}", if *chosen { "*" } else { "" })
     }
-    println!("sum {totals:.1?} ms");
+}
+
+fn geometry_of((_, [large_channels, small_channels], kernel, stride, large): Layer) -> Geometry {
+    let small = large.map(|length| length.div_ceil(stride));
+    Geometry { large_channels, small_channels, kernel, stride, before: [(kernel - 1) / 2; 2], large, small }
+}
+
+fn cases(products: impl Fn(&Geometry) -> (Method, Vec<Method>)) -> Vec<Case> {
+    let mut cases = Vec::new();
+    for layer in LAYERS {
+        let geometry = geometry_of(layer);
+        let (chosen, possible) = products(&geometry);
+        let case = |method| Case { name: layer.0, geometry, method, chosen: chosen == method };
+        cases.extend(possible.into_iter().map(case));
+    }
+    cases
+}
+
+/// All layers in one direction, by all methods that can compute them.
+fn correlations(direction: fn(&Geometry, Level) -> Correlation) -> Vec<Case> {
+    cases(|geometry| {
+        let chosen = direction(geometry, Level::default());
+        let possible = Method::ALL.into_iter().filter(|method| chosen.clone().by(*method).method() == *method);
+        (chosen.method(), possible.collect())
+    })
+}
+
+/// Gradients of weights of all layers.
+fn gradients() -> Vec<Case> {
+    cases(|_| (Method::Direct, vec![Method::Direct]))
+}
+
+fn correlate(bencher: Bencher, case: &Case, correlation: Correlation, [from, to]: [usize; 2]) {
+    let correlation = correlation.by(case.method);
+    let packed = correlation.pack(&vec![0.5; case.geometry.weights()]);
+    let (input, mut output, mut workspace) = (vec![0.5; from], vec![0.0; to], Workspace::default());
+    bencher
+        .counter(ItemsCount::new(case.geometry.operations()))
+        .bench_local(|| correlation.run(&input, &packed, Epilogue::default(), &mut output, &mut workspace));
+}
+
+/// From the large to the small picture: a convolution.
+#[divan::bench(args = correlations(Correlation::to_small), sample_count = 9, sample_size = 1)]
+fn to_small(bencher: Bencher, case: &Case) {
+    let Geometry { large_channels, small_channels, .. } = case.geometry;
+    let lengths = [large_channels * case.geometry.large_area(), small_channels * case.geometry.small_area()];
+    correlate(bencher, case, Correlation::to_small(&case.geometry, Level::default()), lengths);
+}
+
+/// From the small to the large picture: its data gradient, or a transposed convolution.
+#[divan::bench(args = correlations(Correlation::to_large), sample_count = 9, sample_size = 1)]
+fn to_large(bencher: Bencher, case: &Case) {
+    let Geometry { large_channels, small_channels, .. } = case.geometry;
+    let lengths = [small_channels * case.geometry.small_area(), large_channels * case.geometry.large_area()];
+    correlate(bencher, case, Correlation::to_large(&case.geometry, Level::default()), lengths);
+}
+
+/// The gradient of the weights, for a batch.
+#[divan::bench(args = gradients(), sample_count = 5, sample_size = 1)]
+fn weights(bencher: Bencher, case: &Case) {
+    let Geometry { large_channels, small_channels, .. } = case.geometry;
+    let large = vec![0.5; BATCH * large_channels * case.geometry.large_area()];
+    let small = vec![0.5; BATCH * small_channels * case.geometry.small_area()];
+    let (mut weights, mut workspace) = (vec![0.0; case.geometry.weights()], GradientWorkspace::default());
+    let level = Level::default();
+    bencher
+        .counter(ItemsCount::new(BATCH * case.geometry.operations()))
+        .bench_local(|| weight_gradient(&case.geometry, level, &large, &small, &mut weights, &mut workspace));
 }

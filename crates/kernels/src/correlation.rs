@@ -57,6 +57,15 @@ pub enum Method {
 impl Method {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Direct, Self::Winograd6, Self::Winograd8];
+
+    /// Pairs of points that Winograd's filtering uses.
+    pub(crate) fn pairs(self) -> Option<usize> {
+        match self {
+            Self::Direct => None,
+            Self::Winograd6 => Some(2),
+            Self::Winograd8 => Some(3),
+        }
+    }
 }
 
 /// One direction of a convolution, prepared for its sizes.
@@ -95,22 +104,21 @@ impl Correlation {
                 (least, method) = (cost, winograd);
             }
         }
-        Self { level, shape, method: Method::Direct, plan: Plan::Direct(direct) }.by(method).unwrap_or_else(|same| same)
+        Self { level, shape, method: Method::Direct, plan: Plan::Direct(direct) }.by(method)
     }
 
-    /// The same product by another method, or unchanged as an error if that one cannot compute it.
-    ///
-    /// # Errors
-    /// The product itself, for a kernel that is too large for the method's tiles or that has a single tap.
-    pub fn by(self, method: Method) -> Result<Self, Self> {
-        let plan = match method {
-            Method::Direct => Some(Plan::Direct(direct::Plan::new(&self.shape))),
-            _ => winograd::Plan::new(&self.shape, method).map(Plan::Winograd),
-        };
-        match plan {
-            Some(plan) => Ok(Self { method, plan, ..self }),
-            None => Err(self),
-        }
+    /// The same product by another method; directly where that one's tiles are too small for the kernel, or the kernel
+    /// is a single tap.
+    pub fn by(self, method: Method) -> Self {
+        let winograd = winograd::Plan::new(&self.shape, method).map(Plan::Winograd);
+        let method = if winograd.is_some() { method } else { Method::Direct };
+        let plan = winograd.unwrap_or_else(|| Plan::Direct(direct::Plan::new(&self.shape)));
+        Self { method, plan, ..self }
+    }
+
+    /// The convolution's sizes.
+    pub fn geometry(&self) -> &Geometry {
+        &self.shape.geometry
     }
 
     /// How it is computed.
@@ -186,13 +194,13 @@ impl Correlation {
         let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
         match &self.plan {
             Plan::Direct(plan) => {
-                plan.source.fill(input, &mut workspace.planes);
+                plan.source.fill(level, input, &mut workspace.planes);
                 let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
                 tasks.into_par_iter().for_each(|task| level.run(direct::Run { work: &work, task }));
             }
             Plan::Winograd(plan) => {
-                plan.source.fill(input, &mut workspace.planes);
+                plan.source.fill(level, input, &mut workspace.planes);
                 let work = winograd::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
                 tasks.into_par_iter().for_each(|task| level.run(winograd::Run { work: &work, task }));

@@ -5,6 +5,8 @@
 //! positions are several pixels apart, rows and columns that lie at the same place between positions (their phase) are
 //! kept together, which makes the steps between neighbours one again.
 
+use crate::level::Level;
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Vectors may be read this far beyond the last plane.
@@ -51,19 +53,18 @@ impl Planes {
     }
 
     /// Lays out `pictures`, `[batch, channels, height, width]`.
-    pub fn fill(&self, pictures: &[f32], planes: &mut Vec<f32>) {
+    pub fn fill(&self, level: Level, pictures: &[f32], planes: &mut Vec<f32>) {
         let area = self.size[0] * self.size[1];
         let count = pictures.len() / area.max(1);
         planes.resize(count * self.channel_stride + SLACK, 0.0);
         let channels = planes.par_chunks_mut(self.channel_stride).zip(pictures.par_chunks(area));
         // A few thousand numbers are a sensible piece of work.
         channels.with_min_len((1 << 14) / self.channel_stride + 1).for_each(|(planes, picture)| {
-            for (phase, plane) in planes.chunks_exact_mut(self.plane).take(self.phases * self.phases).enumerate() {
-                self.fill_phase([phase / self.phases, phase % self.phases], picture, plane);
-            }
+            level.run(Fill { layout: self, picture, planes });
         });
     }
 
+    #[inline(always)]
     fn fill_phase(&self, [phase_row, phase_column]: [usize; 2], picture: &[f32], plane: &mut [f32]) {
         let [height, width] = self.size;
         // The first column of the phase that lies inside the picture, and where that is.
@@ -87,13 +88,34 @@ impl Planes {
                 2 => take_every::<2>(inside, pixels),
                 4 => take_every::<4>(inside, pixels),
                 6 => take_every::<6>(inside, pixels),
+                10 => take_every::<10>(inside, pixels),
                 phases => inside.iter_mut().zip(pixels.iter().step_by(phases)).for_each(|(to, from)| *to = *from),
             }
         }
     }
 }
 
+/// Lays out one channel, with the widest vectors.
+struct Fill<'a> {
+    layout: &'a Planes,
+    picture: &'a [f32],
+    planes: &'a mut [f32],
+}
+
+impl WithSimd for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let phases = self.layout.phases;
+        for (phase, plane) in self.planes.chunks_exact_mut(self.layout.plane).take(phases * phases).enumerate() {
+            self.layout.fill_phase([phase / phases, phase % phases], self.picture, plane);
+        }
+    }
+}
+
 /// Takes the first of each `STEP` pixels, in whole groups, which vectors can take apart; the last may be shorter.
+#[inline(always)]
 fn take_every<const STEP: usize>(to: &mut [f32], from: &[f32]) {
     let (groups, rest) = from.as_chunks::<STEP>();
     to.iter_mut().zip(groups).for_each(|(to, group)| *to = group[0]);

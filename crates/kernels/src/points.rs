@@ -169,27 +169,26 @@ impl<const PAIRS: usize> Points<PAIRS> {
         outputs[count - 1] = simd.add_f32s(outputs[count - 1], values[2 * PAIRS + 1]);
         outputs
     }
-
-    /// Both dimensions of a tile: `step` on every row of `lines` (of which there are `rows`), then on every column.
-    #[inline(always)]
-    pub fn both<S: Simd>(
-        simd: S,
-        rows: usize,
-        line: impl Fn(usize) -> [S::f32s; MAX_POINTS],
-        step: impl Fn(&[S::f32s; MAX_POINTS]) -> [S::f32s; MAX_POINTS],
-        columns: usize,
-        mut put: impl FnMut(usize, [S::f32s; MAX_POINTS]),
-    ) {
-        let mut tile = [[simd.splat_f32s(0.0); MAX_POINTS]; MAX_POINTS];
-        for (row, values) in tile.iter_mut().enumerate().take(rows) {
-            *values = step(&line(row));
-        }
-        for column in 0..columns {
-            let mut values = [simd.splat_f32s(0.0); MAX_POINTS];
-            for row in 0..rows {
-                values[row] = tile[row][column];
-            }
-            put(column, step(&values));
-        }
-    }
 }
+
+/// Numbers of a tile, row by row.
+pub type Tile<S> = [[<S as Simd>::f32s; MAX_POINTS]; MAX_POINTS];
+
+/// A tile of zeros.
+#[inline(always)]
+pub fn empty<S: Simd>(simd: S) -> Tile<S> {
+    [[simd.splat_f32s(0.0); MAX_POINTS]; MAX_POINTS]
+}
+
+/// The first `rows` numbers of a column of a tile.
+#[inline(always)]
+pub fn column<S: Simd>(simd: S, tile: &Tile<S>, column: usize, rows: usize) -> [S::f32s; MAX_POINTS] {
+    let mut values = [simd.splat_f32s(0.0); MAX_POINTS];
+    for row in 0..rows {
+        values[row] = tile[row][column];
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests;

@@ -22,6 +22,13 @@ pub fn load<S: Simd, const N: usize>(simd: S, values: &[f32], at: usize) -> [S::
     loaded
 }
 
+/// Stores a vector where `place` begins.
+#[inline(always)]
+pub fn store<S: Simd>(place: &mut [f32], vector: S::f32s) {
+    let (vectors, _) = S::as_mut_simd_f32s(&mut place[..S::F32_LANES]);
+    vectors[0] = vector;
+}
+
 /// No sums yet.
 #[inline(always)]
 pub fn zero<S: Simd, const M: usize, const N: usize>(simd: S) -> Sums<S, M, N> {

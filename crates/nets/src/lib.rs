@@ -41,6 +41,6 @@ pub use import::Network;
 pub use input::{is_processor, network_input, network_values};
 pub use layers::Padding;
 pub use onnx::OnnxOptions;
-pub use plan::{DepthPlan, InferencePlan, MotionPlan};
+pub use plan::{DepthPlan, InferencePlan, MotionPlan, StepTime};
 pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};
 pub use weights::ImportReport;

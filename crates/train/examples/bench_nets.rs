@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `export FOLDER NETS WxH` | writes `disp.onnx` and `pose.onnx` (motion alone); `[]` |
 //! | `infer WHAT NETS WxH COUNT` | seconds of each pass; WHAT is `depth`, `motion`, `both` or `forward` (Burn's layers) |
+//! | `profile WHAT NETS WxH COUNT` | `[name, size, operations, seconds]` of each step of a plan, medians; WHAT is `depth` or `motion` |
 //! | `step OBJECTIVE NETS WxH BATCH COUNT` | seconds of each training step |
 //! | `parts OBJECTIVE NETS WxH BATCH COUNT` | seconds of networks, objective, backward and optimiser, medians |
 //!
@@ -13,7 +14,7 @@ use burn::optim::GradientsParams;
 use burn::tensor::{Device, Distribution, Tensor};
 use endoscape_core::{Camera, Size};
 use endoscape_nets::{
-    Checkpoint, DepthPlan, InferencePlan, MaskHead, MotionPlan, NetsConfig, Network, OnnxOptions, SCALES,
+    Checkpoint, DepthPlan, InferencePlan, MaskHead, MotionPlan, NetsConfig, Network, OnnxOptions, SCALES, StepTime,
 };
 use endoscape_synthesis::config::Scales;
 use endoscape_synthesis::objective::{View, ViewBatch};
@@ -27,9 +28,17 @@ use std::io::{BufRead, Write};
 use std::path::Path;
 use std::time::Instant;
 
+/// Name, rows and columns, operations and seconds of a step.
+type StepRow = (String, [usize; 2], usize, f64);
+
 fn main() -> Result<(), Box<dyn Error>> {
     for line in std::io::stdin().lock().lines() {
         let line = line?;
+        if let ["profile", what, nets, size, count] = line.split_whitespace().collect::<Vec<_>>()[..] {
+            let steps = profile(what, &checkpoint(nets)?, parse(size)?, count.parse()?)?;
+            writeln!(std::io::stdout(), "{}", serde_json::to_string(&steps)?)?;
+            continue;
+        }
         let seconds = match line.split_whitespace().collect::<Vec<_>>()[..] {
             ["export", folder, nets, size] => export(Path::new(folder), nets, parse(size)?)?,
             ["infer", what, nets, size, count] => infer(what, &checkpoint(nets)?, parse(size)?, count.parse()?)?,
@@ -129,6 +138,23 @@ fn infer(what: &str, checkpoint: &Checkpoint, size: Size, count: usize) -> Resul
         }
         _ => Err("infer what?".into()),
     }
+}
+
+/// Medians over `count` runs of each step of a plan.
+fn profile(what: &str, checkpoint: &Checkpoint, size: Size, count: usize) -> Result<Vec<StepRow>, Box<dyn Error>> {
+    let snippet = vec![0.25; 9 * size.area()];
+    let mut plan = InferencePlan::new(checkpoint, [size.height, size.width], false)?;
+    plan.depth_and_motion(&snippet);
+    let run = |_| match what {
+        "depth" => plan.depth.as_mut().map(DepthPlan::profile),
+        _ => plan.motion.as_mut().map(MotionPlan::profile),
+    };
+    let runs: Vec<Vec<StepTime>> = (0..count.max(1)).filter_map(run).collect();
+    let row = |(index, step): (usize, &StepTime)| {
+        let seconds = median(runs.iter().map(|run| run[index].seconds).collect());
+        (step.name.clone(), step.size, step.operations, seconds)
+    };
+    Ok(runs.first().ok_or("no such network")?.iter().enumerate().map(row).collect())
 }
 
 fn noise(shape: [usize; 4], device: &Device) -> Tensor<4> {

@@ -44,21 +44,21 @@ impl Plan {
         self.taps() * shape.inputs
     }
 
-    /// Multiplications of vectors of pixels, about.
+    /// Multiplications, those at the ends of rows that are thrown away included.
     pub fn cost(&self, shape: &Shape) -> f64 {
         (shape.grid[0] * self.source.row_stride * self.taps() * shape.inputs * shape.outputs) as f64
     }
 
     /// Weights of a panel: for each pass, `[input channel][tap][channel]`.
     pub fn pack(&self, shape: &Shape, weights: &[f32], panel: &Panel, values: &mut [f32]) {
-        let mut groups = values.chunks_exact_mut(panel.width);
-        for taps in &shape.passes {
-            for input in 0..shape.inputs {
-                for (tap, group) in taps.iter().zip(groups.by_ref()) {
-                    for (value, output) in group.iter_mut().zip(panel.channels.clone()) {
-                        *value = weights[shape.weight(output, input, tap.index)];
-                    }
-                    group[panel.channels.len()..].fill(0.0);
+        values.fill(0.0);
+        for (lane, output) in panel.channels.clone().enumerate() {
+            let mut places = values.iter_mut().skip(lane).step_by(panel.width);
+            for taps in &shape.passes {
+                for input in 0..shape.inputs {
+                    let kernel = &weights[shape.weight(output, input, 0)..][..shape.geometry.taps()];
+                    let kernel = taps.iter().map(|tap| kernel[tap.index]);
+                    kernel.zip(places.by_ref()).for_each(|(weight, place)| *place = weight);
                 }
             }
         }

@@ -6,23 +6,25 @@
 //! has a spread of 2, its passes are.
 //!
 //! A piece of work goes through its tiles a few vectors at a time: transforms their inputs, `[point][channel][tile]`;
-//! multiplies by the weights, `[point][channel][output]`, for each point a product of matrices; transforms back.
+//! then, a panel of outputs at a time, multiplies by the weights, `[point][channel][output]`, for each point a product
+//! of matrices, and transforms back.
 
 mod pack;
 mod tiles;
 
-use super::pieces::{Cut, Task};
+use super::pieces::{Cut, Panel, Task};
 use super::shape::Shape;
 use super::{Epilogue, Method, PackedWeights};
 use crate::planes::Planes;
-use crate::points::MAX_POINTS;
-use crate::tile;
+use crate::tile::{self, MAX_CHANNELS};
 pub use pack::Pack;
 use pulp::{Simd, WithSimd};
 use std::cell::Cell;
 
 /// Most vectors of tiles at a time.
 const VECTORS: usize = 3;
+/// Numbers of transformed input to keep in the second level cache, from where each panel reads them.
+const INPUTS: usize = 150 * 1024;
 /// Tiles of a piece of work, about: enough to use every vector, few enough that there are several pieces.
 const TILES: usize = 192;
 /// Least panels of a piece of work: each piece transforms all of its input.
@@ -45,9 +47,9 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// `None` where the kernel is too large or a single tap.
+    /// `None` where the kernel is too large or a single tap, and for another method.
     pub fn new(shape: &Shape, method: Method) -> Option<Self> {
-        let pairs: usize = if method == Method::Winograd6 { 2 } else { 3 };
+        let pairs = method.pairs()?;
         let points = 2 * pairs + 2;
         let kernel = shape.reach().into_iter().max()? + 1;
         let outputs = (points + 1).checked_sub(kernel)?;
@@ -57,8 +59,7 @@ impl Plan {
         let tiles = shape.grid.map(|length| length.div_ceil(outputs));
         let phases = shape.step * outputs;
         let beyond = (shape.step * points - 1) / phases;
-        let source =
-            Planes::new(shape.inputs, shape.from, shape.before, phases, tiles.map(|length| length + beyond));
+        let source = Planes::new(shape.inputs, shape.from, shape.before, phases, tiles.map(|length| length + beyond));
         let offset = |phase: usize, pixel: usize| {
             let row = shape.step * (pixel / points) + phase / shape.step;
             source.offset(row, shape.step * (pixel % points) + phase % shape.step)
@@ -82,12 +83,14 @@ impl Plan {
         shape.passes.len() * self.pixels() * self.channels()
     }
 
-    /// In multiplications of vectors of pixels, about; measured.
+    /// In multiplications, about: those of the filtering, what the transforms cost beside them, and reading weights,
+    /// which are many times as many as the taps; factors were fitted to measured times.
     pub fn cost(&self, shape: &Shape) -> f64 {
         let tiles = (self.tiles[0] * self.source.row_stride) as f64;
         let (inputs, outputs) = (self.channels() as f64, (shape.outputs * shape.passes.len()) as f64);
-        let transform = 10.0 * self.pixels() as f64;
-        tiles * (self.pixels() as f64 * inputs * outputs + transform * (inputs + outputs))
+        let points = self.pixels() as f64;
+        let weights = points * inputs * outputs;
+        tiles * (1.1 * weights + 25.0 * points * (inputs + outputs)) + 40.0 * weights
     }
 }
 
@@ -125,33 +128,35 @@ pub struct Run<'a, 'b> {
     pub task: Task<'b>,
 }
 
-/// Lends memory of the thread.
-fn with_scratch<R>(length: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
-    thread_local!(static SCRATCH: Cell<Vec<f32>> = const { Cell::new(Vec::new()) });
-    let mut scratch = SCRATCH.take();
-    if scratch.len() < length {
-        scratch.resize(length, 0.0);
-    }
-    let result = work(&mut scratch[..length]);
-    SCRATCH.set(scratch);
-    result
-}
+thread_local!(
+    /// Memory of a thread that is used again from piece to piece.
+    static SCRATCH: Cell<Vec<f32>> = const { Cell::new(Vec::new()) }
+);
+
+/// Numbers of a cache line: strides that are multiples of a page would put all points into one set of the cache.
+const LINE: usize = 16;
 
 impl WithSimd for Run<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Work { shape, plan, weights, .. } = *self.work;
-        let numbers = plan.pixels() * VECTORS * S::F32_LANES;
-        let channels: usize = weights.panels[self.task.panels.clone()].iter().map(|panel| panel.width).sum();
-        let lengths = [numbers * plan.channels(), numbers * channels * shape.passes.len(), numbers];
-        with_scratch(lengths.iter().sum(), |scratch| {
-            let (inputs, rest) = scratch.split_at_mut(lengths[0]);
-            let (products, pixels) = rest.split_at_mut(lengths[1]);
-            let mut strip = Strip { work: self.work, task: self.task, inputs, products, pixels };
-            strip.run(simd);
-        });
+        let plan = self.work.plan;
+        let of_a_vector = plan.pixels() * plan.channels() * S::F32_LANES;
+        let vectors = (INPUTS / of_a_vector).clamp(1, VECTORS);
+        let points = plan.pixels() * vectors * S::F32_LANES;
+        let lengths = [vectors * of_a_vector + plan.pixels() * LINE, MAX_CHANNELS * (points + LINE), points];
+        // Not lent to a closure: that would be compiled without the wide vectors.
+        let mut scratch = SCRATCH.take();
+        let length: usize = lengths.iter().sum();
+        if scratch.len() < length {
+            scratch.resize(length, 0.0);
+        }
+        let (inputs, rest) = scratch.split_at_mut(lengths[0]);
+        let (products, pixels) = rest.split_at_mut(lengths[1]);
+        let mut strip = Strip { work: self.work, task: self.task, inputs, products, pixels };
+        strip.run(simd, vectors);
+        SCRATCH.set(scratch);
     }
 }
 
@@ -161,7 +166,7 @@ struct Strip<'a, 'b, 's> {
     task: Task<'b>,
     /// Transformed inputs, `[point][channel][tile]`.
     inputs: &'s mut [f32],
-    /// Products, `[output channel][pass][point][tile]`.
+    /// Products of a panel, `[output channel][point][tile]`.
     products: &'s mut [f32],
     /// Results of one channel and pass, `[pixel][tile]`.
     pixels: &'s mut [f32],
@@ -180,15 +185,14 @@ struct Chunk {
 
 impl Strip<'_, '_, '_> {
     #[inline(always)]
-    fn run<S: Simd>(&mut self, simd: S) {
+    fn run<S: Simd>(&mut self, simd: S, most_vectors: usize) {
         let Plan { source, tiles, pairs, .. } = self.work.plan;
         for segment in 0..self.task.segments.len() {
             // What lies beyond the last column of the last row is nobody's tile.
             let all = (self.task.segments[segment].rows - 1) * source.row_stride + tiles[1];
             let mut first = 0;
             while first < all {
-                let vectors = (all - first).div_ceil(S::F32_LANES).min(VECTORS);
-                let length = vectors * S::F32_LANES;
+                let length = (all - first).div_ceil(S::F32_LANES).min(most_vectors) * S::F32_LANES;
                 let chunk = Chunk { segment, first, count: length.min(all - first), length };
                 match pairs {
                     2 => self.chunk::<S, 2>(simd, chunk),
@@ -202,72 +206,66 @@ impl Strip<'_, '_, '_> {
     #[inline(always)]
     fn chunk<S: Simd, const PAIRS: usize>(&mut self, simd: S, chunk: Chunk) {
         self.analyse::<S, PAIRS>(simd, chunk);
-        self.multiply(simd, chunk.length);
-        match self.work.plan.outputs {
-            2 => self.collect::<S, PAIRS, 2>(simd, chunk),
-            3 => self.collect::<S, PAIRS, 3>(simd, chunk),
-            4 => self.collect::<S, PAIRS, 4>(simd, chunk),
-            5 => self.collect::<S, PAIRS, 5>(simd, chunk),
-            6 => self.collect::<S, PAIRS, 6>(simd, chunk),
-            _ => self.collect::<S, PAIRS, 7>(simd, chunk),
+        let Work { shape, weights, .. } = *self.work;
+        let mut place = 0;
+        for panel in &weights.panels[self.task.panels.clone()] {
+            for pass in 0..shape.passes.len() {
+                match panel.width {
+                    8 => self.multiply::<S, 8>(simd, panel, pass, chunk.length),
+                    4 => self.multiply::<S, 4>(simd, panel, pass, chunk.length),
+                    _ => self.multiply::<S, 1>(simd, panel, pass, chunk.length),
+                }
+                for (index, channel) in panel.channels.clone().enumerate() {
+                    let target = Target { index, channel, place: place + index, pass };
+                    match self.work.plan.outputs {
+                        2 => self.collect::<S, PAIRS, 2>(simd, chunk, target),
+                        3 => self.collect::<S, PAIRS, 3>(simd, chunk, target),
+                        4 => self.collect::<S, PAIRS, 4>(simd, chunk, target),
+                        5 => self.collect::<S, PAIRS, 5>(simd, chunk, target),
+                        6 => self.collect::<S, PAIRS, 6>(simd, chunk, target),
+                        _ => self.collect::<S, PAIRS, 7>(simd, chunk, target),
+                    }
+                }
+            }
+            place += panel.channels.len();
         }
     }
 
     /// A product of matrices for each point.
     #[inline(always)]
-    fn multiply<S: Simd>(&mut self, simd: S, length: usize) {
-        let Work { shape, plan, weights, .. } = *self.work;
-        let (passes, points, channels) = (shape.passes.len(), plan.pixels(), plan.channels());
-        for point in 0..points {
-            let inputs = &self.inputs[point * channels * length..][..channels * length];
-            let mut products = &mut self.products[point * length..];
-            for panel in &weights.panels[self.task.panels.clone()] {
-                for pass in 0..passes {
-                    let weights = &weights.values[panel.start + (pass * points + point) * channels * panel.width..];
-                    let weights = &weights[..channels * panel.width];
-                    let stride = passes * points * length;
-                    let products = &mut products[pass * points * length..];
-                    let vectors = length / S::F32_LANES;
-                    match panel.width {
-                        8 => product_of::<S, 8>(simd, inputs, weights, products, [stride, vectors]),
-                        4 => product_of::<S, 4>(simd, inputs, weights, products, [stride, vectors]),
-                        _ => product_of::<S, 1>(simd, inputs, weights, products, [stride, vectors]),
-                    }
-                }
-                let next = (panel.width * passes * points * length).min(products.len());
-                products = &mut products[next..];
+    fn multiply<S: Simd, const M: usize>(&mut self, simd: S, panel: &Panel, pass: usize, length: usize) {
+        let (points, channels) = (self.work.plan.pixels(), self.work.plan.channels());
+        let weights = &self.work.weights.values[panel.start + pass * points * channels * M..];
+        let (weights, _) = weights.as_chunks::<M>();
+        let inputs = self.inputs.chunks_exact(channels * length + LINE);
+        for (point, (weights, inputs)) in weights.chunks_exact(channels).zip(inputs).enumerate().take(points) {
+            let inputs = &inputs[..channels * length];
+            let products = &mut self.products[point * length..];
+            let stride = points * length + LINE;
+            match length / S::F32_LANES {
+                1 => put::<S, M, 1>(&tile::multiply(simd, inputs, weights), products, stride),
+                2 => put::<S, M, 2>(&tile::multiply(simd, inputs, weights), products, stride),
+                _ => put::<S, M, VECTORS>(&tile::multiply(simd, inputs, weights), products, stride),
             }
         }
     }
 }
 
-/// Products of one panel, `stride` apart from channel to channel.
-#[inline(always)]
-fn product_of<S: Simd, const M: usize>(
-    simd: S,
-    inputs: &[f32],
-    weights: &[f32],
-    products: &mut [f32],
-    [stride, vectors]: [usize; 2],
-) {
-    let (weights, _) = weights.as_chunks::<M>();
-    match vectors {
-        1 => put::<S, M, _>(&tile::multiply::<S, M, 1>(simd, inputs, weights), products, stride),
-        2 => put::<S, M, _>(&tile::multiply::<S, M, 2>(simd, inputs, weights), products, stride),
-        _ => put::<S, M, _>(&tile::multiply::<S, M, VECTORS>(simd, inputs, weights), products, stride),
-    }
-
-    #[inline(always)]
-    fn put<S: Simd, const M: usize, const N: usize>(sums: &[[S::f32s; N]; M], products: &mut [f32], stride: usize) {
-        for (sums, line) in sums.iter().zip(products.chunks_mut(stride)) {
-            let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
-            vectors.copy_from_slice(sums);
-        }
-    }
+/// Where products go.
+#[derive(Clone, Copy)]
+struct Target {
+    /// The channel's place in its panel, among all, and among those of the task.
+    index: usize,
+    channel: usize,
+    place: usize,
+    pass: usize,
 }
 
-/// Index of a point of a tile.
-const fn at(points: usize, row: usize, column: usize) -> usize {
-    debug_assert!(points <= MAX_POINTS);
-    row * points + column
+/// Stores sums, those of a channel `stride` after those of the one before.
+#[inline(always)]
+fn put<S: Simd, const M: usize, const N: usize>(sums: &tile::Sums<S, M, N>, products: &mut [f32], stride: usize) {
+    for (sums, line) in sums.iter().zip(products.chunks_mut(stride)) {
+        let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
+        vectors.copy_from_slice(sums);
+    }
 }

@@ -82,7 +82,7 @@ struct Product {
 
 impl Product {
     fn plain(self, [input, weight]: [&Tensor<4>; 2], bias: &Tensor<1>) -> Option<Tensor<4>> {
-        let input = input.clone().try_into_primitive::<Flex>().ok()?;
+        let input = input.clone().try_into_primitive::<Flex>().ok()?.to_contiguous();
         let weight = weight.clone().try_into_primitive::<Flex>().ok()?;
         let bias = bias.clone().try_into_primitive::<Flex>().ok()?;
         Some(Tensor::from_primitive::<Flex>(self.forward(&input, &weight, &bias)))
@@ -93,6 +93,7 @@ impl Product {
         let (input, input_node) = input.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let (weight, weight_node) = weight.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
         let (bias, bias_node) = bias.clone().try_into_primitive::<Tracked>().ok()?.into_parts();
+        let input = input.to_contiguous();
         let output = self.forward(&input, &weight, &bias);
         let preparation = self.prepare::<burn::backend::autodiff::checkpoint::strategy::NoCheckpointing>([
             input_node,
@@ -172,12 +173,13 @@ impl Backward<Flex, 3> for Product {
     type State = Kept;
 
     fn backward(self, ops: Ops<Kept, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let gradient = gradients.consume::<Flex>(&ops.node);
+        // Of concatenated features this is a part, which does not lie together.
+        let mut gradient = gradients.consume::<Flex>(&ops.node).to_contiguous();
         let Kept { input, weight, output } = ops.state;
-        let mut gradient = values(&gradient);
-        if let Some(output) = output {
-            gradient = Cow::Owned(endoscape_kernels::relu_gradient(&gradient, &values(&output)));
+        if let (Some(output), Some((start, end))) = (output, gradient.layout().contiguous_offsets()) {
+            endoscape_kernels::relu_gradient(&mut gradient.storage_mut::<f32>()[start..end], &values(&output));
         }
+        let gradient = values(&gradient);
         let [input_node, weight_node, bias_node] = ops.parents;
         if let Some(node) = input_node {
             let back = self.direction.reversed();

@@ -11,6 +11,7 @@ use burn::nn::conv::Conv2d;
 use burn::tensor::ExecutionError;
 use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, PackedWeights, Workspace, enlarge};
 use std::ops::Range;
+use std::time::{Duration, Instant};
 
 /// A run of channels of a buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -136,36 +137,89 @@ impl Graph {
 
     /// Computes every step.
     pub fn run(&mut self) {
-        // On a thread of the pool: handing every layer over from outside takes longer than a small layer.
-        rayon::scope(|_| self.run_steps());
+        self.run_observed(|_, _| ());
     }
 
-    fn run_steps(&mut self) {
+    /// Computes every step and says how long each took.
+    pub fn profile(&mut self) -> Vec<StepTime> {
+        let mut times = Vec::with_capacity(self.steps.len());
+        let mut mark = Instant::now();
+        self.run_observed(|step, to| {
+            let now = Instant::now();
+            times.push(StepTime::new(step, to, now - mark));
+            mark = now;
+        });
+        times
+    }
+
+    fn run_observed(&mut self, mut observe: impl FnMut(&Step, Value) + Send) {
         let Self { buffers, steps, workspace } = self;
-        for (step, from, to) in steps {
-            let mut output = std::mem::take(&mut buffers[to.buffer]);
-            let written = &mut output[to.range()];
-            match step {
-                Step::Convolve { correlation, weights, bias, relu } => {
-                    let epilogue = Epilogue { bias: Some(bias), relu: *relu };
-                    correlation.run(&buffers[from.buffer][from.range()], weights, epilogue, written, workspace);
-                }
-                Step::Enlarge => enlarge(&buffers[from.buffer][from.range()], from.size, written, to.size),
-                Step::SubtractPairs => {
-                    let area = from.size[0] * from.size[1];
-                    let pairs = buffers[from.buffer][from.range()].chunks_exact(2 * area);
-                    for (difference, pair) in written.chunks_exact_mut(area).zip(pairs) {
-                        let (first, second) = pair.split_at(area);
-                        let values = difference.iter_mut().zip(first).zip(second);
-                        values.for_each(|((difference, first), second)| *difference = second - first);
-                    }
-                }
-                Step::Squash { scale, offset } => {
-                    written.iter_mut().for_each(|value| *value = *scale / (1.0 + (-*value).exp()) + *offset);
+        // On a thread of the pool: handing every layer over from outside takes longer than a small layer.
+        rayon::scope(|_| {
+            for (step, from, to) in steps {
+                // Nothing is computed in place but by `Squash`, whose output is its input.
+                let mut output = std::mem::take(&mut buffers[to.buffer]);
+                step.run(&buffers[from.buffer], *from, &mut output[to.range()], to.size, workspace);
+                buffers[to.buffer] = output;
+                observe(step, *to);
+            }
+        });
+    }
+}
+
+impl Step {
+    /// Computes `written` from the value `from` of a buffer.
+    fn run(&self, buffer: &[f32], from: Value, written: &mut [f32], size: [usize; 2], workspace: &mut Workspace) {
+        let area = from.size[0] * from.size[1];
+        match self {
+            Self::Convolve { correlation, weights, bias, relu } => {
+                let epilogue = Epilogue { bias: Some(bias), relu: *relu };
+                correlation.run(&buffer[from.range()], weights, epilogue, written, workspace);
+            }
+            Self::Enlarge => enlarge(&buffer[from.range()], from.size, written, size),
+            Self::SubtractPairs => {
+                let pairs = buffer[from.range()].chunks_exact(2 * area);
+                for (difference, pair) in written.chunks_exact_mut(area).zip(pairs) {
+                    let (first, second) = pair.split_at(area);
+                    let values = difference.iter_mut().zip(first).zip(second);
+                    values.for_each(|((difference, first), second)| *difference = second - first);
                 }
             }
-            buffers[to.buffer] = output;
+            Self::Squash { scale, offset } => {
+                written.iter_mut().for_each(|value| *value = *scale / (1.0 + (-*value).exp()) + *offset);
+            }
         }
+    }
+}
+
+/// What one step of a plan took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepTime {
+    /// What it computes, and how.
+    pub name: String,
+    /// Rows and columns of its output.
+    pub size: [usize; 2],
+    /// Multiplications and additions of a convolution computed directly, those with padding included; 0 for others.
+    pub operations: usize,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+impl StepTime {
+    fn new(step: &Step, to: Value, time: Duration) -> Self {
+        let (name, operations) = match step {
+            Step::Convolve { correlation, .. } => {
+                let Geometry { kernel, stride, large_channels, small_channels, .. } = *correlation.geometry();
+                let inputs = large_channels + small_channels - to.channels;
+                let method = correlation.method();
+                let name = format!("{kernel}x{kernel}/{stride}, {inputs} to {} channels, {method:?}", to.channels);
+                (name, correlation.geometry().operations())
+            }
+            Step::Enlarge => ("enlarge".to_owned(), 0),
+            Step::SubtractPairs => ("subtract pairs".to_owned(), 0),
+            Step::Squash { .. } => ("sigmoid".to_owned(), 0),
+        };
+        Self { name, size: to.size, operations, seconds: time.as_secs_f64() }
     }
 }
 

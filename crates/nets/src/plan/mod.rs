@@ -13,6 +13,7 @@ use crate::disp_net::{DispNet, FIRST_HEAD};
 use crate::error::NetsError;
 use crate::pose_mask_net::{MOTION_SCALE, MaskDecoder, MaskHead, PoseMaskNet};
 use endoscape_core::Rotation;
+pub use graph::StepTime;
 use graph::{Graph, Value};
 
 /// Both networks of a checkpoint, as far as it has them.
@@ -89,6 +90,11 @@ impl DepthPlan {
         self.graph.run();
         self.graph.values(self.disparity)
     }
+
+    /// Runs the network on the picture of the last call and says how long each step took.
+    pub fn profile(&mut self) -> Vec<StepTime> {
+        self.graph.profile()
+    }
 }
 
 /// The motion network, one snippet at a time.
@@ -139,6 +145,11 @@ impl MotionPlan {
         let mean = |plane: &[f32]| MOTION_SCALE * f64::from(plane.iter().sum::<f32>()) / area as f64;
         let numbers: Vec<f64> = self.graph.values(self.head).chunks_exact(area).map(mean).collect();
         numbers.as_chunks::<6>().0.to_vec()
+    }
+
+    /// Runs the network on the snippet of the last call and says how long each step took.
+    pub fn profile(&mut self) -> Vec<StepTime> {
+        self.graph.profile()
     }
 
     /// Reliability of the last snippet's target, `[sources, height, width]`, if the plan was made with a mask.

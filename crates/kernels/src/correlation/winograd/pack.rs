@@ -2,7 +2,7 @@
 
 use super::super::pieces::Panel;
 use super::{Plan, Shape};
-use crate::points::{MAX_POINTS, Points};
+use crate::points::{self, MAX_POINTS, Points};
 use crate::tile;
 use pulp::{Simd, WithSimd};
 
@@ -79,26 +79,30 @@ impl Pack<'_> {
     fn transform<S: Simd, const PAIRS: usize>(&mut self, simd: S, kernels: &[f32], first: usize, count: usize) {
         let (taps, points) = (self.plan.kernel, self.plan.points);
         let all = self.plan.channels() * self.panel.width;
-        let line = |row: usize| {
-            let mut line = [simd.splat_f32s(0.0); MAX_POINTS];
-            for (column, value) in line.iter_mut().enumerate().take(taps) {
+        let mut tile = points::empty(simd);
+        for (row, line) in tile.iter_mut().enumerate().take(taps) {
+            let mut kernel = [simd.splat_f32s(0.0); MAX_POINTS];
+            for (column, value) in kernel.iter_mut().enumerate().take(taps) {
                 [*value] = tile::load::<S, 1>(simd, kernels, (row * taps + column) * S::F32_LANES);
             }
-            line
-        };
-        let step = |line: &[S::f32s; MAX_POINTS]| {
-            let mut values = Points::<PAIRS>::evaluate(simd, line, taps);
-            for (value, scale) in values.iter_mut().zip(Points::<PAIRS>::SCALES) {
-                *value = simd.mul_f32s(*value, simd.splat_f32s(scale));
-            }
-            values
-        };
-        let values = &mut *self.values;
-        Points::<PAIRS>::both(simd, taps, line, step, points, |column, values_of| {
-            for (row, value) in values_of.iter().enumerate().take(points) {
-                let place = &mut values[first + super::at(points, row, column) * all..][..count];
+            *line = scaled::<S, PAIRS>(simd, &kernel, taps);
+        }
+        for column in 0..points {
+            let values = scaled::<S, PAIRS>(simd, &points::column::<S>(simd, &tile, column, taps), taps);
+            for (row, value) in values.iter().enumerate().take(points) {
+                let place = &mut self.values[first + (row * points + column) * all..][..count];
                 simd.partial_store_f32s(place, *value);
             }
-        });
+        }
     }
+}
+
+/// A kernel at the points.
+#[inline(always)]
+fn scaled<S: Simd, const PAIRS: usize>(simd: S, kernel: &[S::f32s; MAX_POINTS], taps: usize) -> [S::f32s; MAX_POINTS] {
+    let mut values = Points::<PAIRS>::evaluate(simd, kernel, taps);
+    for (value, scale) in values.iter_mut().zip(Points::<PAIRS>::SCALES) {
+        *value = simd.mul_f32s(*value, simd.splat_f32s(scale));
+    }
+    values
 }

@@ -1,7 +1,7 @@
 //! Pixels to points, and points to pixels.
 
-use super::{Chunk, Epilogue, Plan, Shape, Strip, Work, at};
-use crate::points::{MAX_POINTS, Points};
+use super::{Chunk, LINE, Plan, Shape, Strip, Target};
+use crate::points::{self, MAX_POINTS, Points};
 use crate::tile;
 use pulp::Simd;
 
@@ -18,43 +18,40 @@ impl Strip<'_, '_, '_> {
             let (input, phase) = (channel / offsets.len(), channel % offsets.len());
             let plane = &self.work.source[start + input * source.channel_stride..];
             for vector in (0..chunk.length).step_by(S::F32_LANES) {
-                let line = |row: usize| {
-                    let mut line = [simd.splat_f32s(0.0); MAX_POINTS];
-                    for (value, offset) in line.iter_mut().zip(&offsets[phase][row * points..][..points]) {
+                let mut tile = points::empty(simd);
+                for (line, offsets) in tile.iter_mut().zip(offsets[phase].chunks_exact(points)) {
+                    let mut pixels = [simd.splat_f32s(0.0); MAX_POINTS];
+                    for (value, offset) in pixels.iter_mut().zip(offsets) {
                         [*value] = tile::load::<S, 1>(simd, plane, offset + vector);
                     }
-                    line
-                };
-                let step = |line: &[S::f32s; MAX_POINTS]| Points::<PAIRS>::analyse(simd, line);
+                    *line = Points::<PAIRS>::analyse(simd, &pixels);
+                }
                 let inputs = &mut self.inputs[channel * chunk.length + vector..];
-                Points::<PAIRS>::both(simd, points, line, step, points, |column, values| {
+                for column in 0..points {
+                    let values = Points::<PAIRS>::analyse(simd, &points::column::<S>(simd, &tile, column, points));
                     for (row, value) in values.iter().enumerate().take(points) {
-                        store(simd, &mut inputs[at(points, row, column) * channels * chunk.length..], *value);
+                        tile::store::<S>(
+                            &mut inputs[(row * points + column) * (channels * chunk.length + LINE)..],
+                            *value,
+                        );
                     }
-                });
+                }
             }
         }
     }
 
     /// Transforms the products of a chunk back and puts the pixels into their rows.
     #[inline(always)]
-    pub fn collect<S: Simd, const PAIRS: usize, const OUTPUTS: usize>(&mut self, simd: S, chunk: Chunk) {
-        let Work { shape, weights, epilogue, .. } = *self.work;
-        let (passes, points) = (shape.passes.len(), self.work.plan.pixels());
-        let (mut first, mut place) = (0, 0);
-        for panel in &weights.panels[self.task.panels.clone()] {
-            for (index, channel) in panel.channels.clone().enumerate() {
-                let bias = epilogue.bias.map_or(0.0, |bias| bias[channel]);
-                for pass in 0..passes {
-                    let start = ((first + index) * passes + pass) * points * chunk.length;
-                    let finish = |value| finish(simd, value, bias, epilogue);
-                    self.collect_channel::<S, PAIRS, OUTPUTS>(simd, start, chunk.length, finish);
-                    self.place::<OUTPUTS>(chunk, place + index, pass);
-                }
-            }
-            first += panel.width;
-            place += panel.channels.len();
-        }
+    pub fn collect<S: Simd, const PAIRS: usize, const OUTPUTS: usize>(
+        &mut self,
+        simd: S,
+        chunk: Chunk,
+        target: Target,
+    ) {
+        let bias = self.work.epilogue.bias.map_or(0.0, |bias| bias[target.channel]);
+        let start = target.index * (self.work.plan.pixels() * chunk.length + LINE);
+        self.collect_channel::<S, PAIRS, OUTPUTS>(simd, start, chunk.length, bias);
+        self.place::<OUTPUTS>(chunk, target.place, target.pass);
     }
 
     #[inline(always)]
@@ -63,25 +60,28 @@ impl Strip<'_, '_, '_> {
         simd: S,
         start: usize,
         length: usize,
-        finish: impl Fn(S::f32s) -> S::f32s,
+        bias: f32,
     ) {
         let points = Points::<PAIRS>::COUNT;
         let products = &self.products[start..][..points * points * length];
+        let relu = self.work.epilogue.relu;
         for vector in (0..length).step_by(S::F32_LANES) {
-            let line = |row: usize| {
-                let mut line = [simd.splat_f32s(0.0); MAX_POINTS];
-                for (column, value) in line.iter_mut().enumerate().take(points) {
-                    [*value] = tile::load::<S, 1>(simd, products, at(points, row, column) * length + vector);
+            let mut tile = points::empty(simd);
+            for (row, line) in tile.iter_mut().enumerate().take(points) {
+                let mut values = [simd.splat_f32s(0.0); MAX_POINTS];
+                for (column, value) in values.iter_mut().enumerate().take(points) {
+                    [*value] = tile::load::<S, 1>(simd, products, (row * points + column) * length + vector);
                 }
-                line
-            };
-            let step = |line: &[S::f32s; MAX_POINTS]| Points::<PAIRS>::collect(simd, line, OUTPUTS);
-            let pixels = &mut self.pixels[vector..];
-            Points::<PAIRS>::both(simd, points, line, step, OUTPUTS, |column, values| {
+                *line = Points::<PAIRS>::collect(simd, &values, OUTPUTS);
+            }
+            for column in 0..OUTPUTS {
+                let values = points::column::<S>(simd, &tile, column, points);
+                let values = Points::<PAIRS>::collect(simd, &values, OUTPUTS);
                 for (row, value) in values.iter().enumerate().take(OUTPUTS) {
-                    store(simd, &mut pixels[at(OUTPUTS, row, column) * length..], finish(*value));
+                    let value = finish(simd, *value, bias, relu);
+                    tile::store::<S>(&mut self.pixels[(row * OUTPUTS + column) * length + vector..], value);
                 }
-            });
+            }
         }
     }
 
@@ -99,51 +99,21 @@ impl Strip<'_, '_, '_> {
                 let y = (row * OUTPUTS + pixel_row) * spread + pass / spread;
                 // Beyond the last row there is nothing to write.
                 let Some(line) = lines.get_mut(y * size[1]..(y + 1) * size[1]) else { continue };
-                let begin = (column * OUTPUTS * spread + pass % spread).min(size[1]);
-                let pixels = &self.pixels[pixel_row * OUTPUTS * chunk.length..][..OUTPUTS * chunk.length];
-                interleave::<OUTPUTS>(&mut line[begin..], *spread, pixels, done..done + inside);
+                for pixel in 0..OUTPUTS {
+                    let begin = (column * OUTPUTS + pixel) * spread + pass % spread;
+                    let places = line.get_mut(begin..).unwrap_or_default().iter_mut().step_by(OUTPUTS * spread);
+                    let pixels = &self.pixels[(pixel_row * OUTPUTS + pixel) * chunk.length + done..][..inside];
+                    places.zip(pixels).for_each(|(place, pixel)| *place = *pixel);
+                }
             }
             done += length;
         }
     }
 }
 
-/// Writes pixels, `[column][tile]`, side by side, `spread` apart.
-#[inline(always)]
-fn interleave<const OUTPUTS: usize>(
-    line: &mut [f32],
-    spread: usize,
-    pixels: &[f32],
-    tiles: std::ops::Range<usize>,
-) {
-    let columns: [&[f32]; OUTPUTS] = {
-        let mut columns = pixels.chunks_exact(pixels.len() / OUTPUTS);
-        std::array::from_fn(|_| columns.next().map_or(&[] as &[f32], |column| &column[tiles.clone()]))
-    };
-    let count = (tiles.len() * OUTPUTS * spread).min(line.len());
-    let line = &mut line[..count];
-    if spread == 1 {
-        for (tile, group) in line.chunks_mut(OUTPUTS).enumerate() {
-            for (value, column) in group.iter_mut().zip(&columns) {
-                *value = column[tile];
-            }
-        }
-    } else {
-        for (index, value) in line.iter_mut().step_by(spread).enumerate() {
-            *value = columns[index % OUTPUTS][index / OUTPUTS];
-        }
-    }
-}
-
 /// Bias and ReLU.
 #[inline(always)]
-fn finish<S: Simd>(simd: S, value: S::f32s, bias: f32, epilogue: Epilogue<'_>) -> S::f32s {
+fn finish<S: Simd>(simd: S, value: S::f32s, bias: f32, relu: bool) -> S::f32s {
     let value = simd.add_f32s(value, simd.splat_f32s(bias));
-    if epilogue.relu { simd.max_f32s(value, simd.splat_f32s(0.0)) } else { value }
-}
-
-#[inline(always)]
-fn store<S: Simd>(_: S, place: &mut [f32], value: S::f32s) {
-    let (vectors, _) = S::as_mut_simd_f32s(&mut place[..S::F32_LANES]);
-    vectors[0] = value;
+    if relu { simd.max_f32s(value, simd.splat_f32s(0.0)) } else { value }
 }
