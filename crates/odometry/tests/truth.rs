@@ -184,16 +184,17 @@ fn opposite_biases_of_both_directions_cancel() {
 fn a_wrong_motion_network_is_put_right_by_the_pictures() {
     let straight = World::new(30, 0.02, |_| 1.0);
     let world = Arc::new(World { bias: 1.4, ..straight });
-    let position = |refine: bool| {
+    let position = |refine: bool, gap: usize| {
         let motion = TrueMotion { world: world.clone(), side: 1 };
-        let config = OdometryConfig { refine, ..config(0) };
+        let config = OdometryConfig { refine, ..config(gap) };
         let mut odometry =
             LearnedOdometry::from_models(Box::new(TrueDepth(world.clone())), Box::new(motion), config).unwrap();
         errors(&world, &track_all(&world, &mut odometry, Some(world.camera))).0
     };
-    let (plain, refined) = (position(false), position(true));
-    // At the beginning the camera is taken to stand still for two frames, whatever comes later.
-    assert!(refined < 0.08 && refined < 0.6 * plain, "{refined} against {plain}");
+    for gap in [1, 2, 3, 4, 0] {
+        eprintln!("DBG {gap}: {} {}", position(false, gap), position(true, gap));
+    }
+    assert!(false);
 }
 
 #[test]
