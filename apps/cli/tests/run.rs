@@ -288,6 +288,24 @@ fn a_method_that_is_not_there_is_a_wrong_call() {
 }
 
 #[test]
+#[cfg(feature = "orb")]
+fn orb_slam_answers_every_frame() {
+    let (_folder, out) = place();
+    let summary = json(&["run", &tube(), "--method", "orb", "--preset", "endo", "--out", &out, "--json"]);
+    assert_eq!((summary["method"].as_str(), summary["frames"].as_u64()), (Some("orb"), Some(12)));
+    assert_complete(&out, FRAMES);
+}
+
+#[test]
+#[cfg(not(feature = "orb"))]
+fn a_build_without_orb_slam_says_how_to_get_it() {
+    let output = endoscape(&["run", &tube(), "--method", "orb"]);
+    assert_eq!(output.status.code(), Some(2));
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("build it with --features orb"), "{text}");
+}
+
+#[test]
 fn results_never_replace_anything_and_need_a_folder() {
     let (folder, out) = place();
     fs::create_dir(&out).unwrap();

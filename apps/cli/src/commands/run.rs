@@ -43,10 +43,9 @@ const METRES: &str = "metres";
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned, direct (from brightness, without a model), orb (from corners,
-    /// in builds with the feature orb), magnetic (from the readings of a
-    /// sequence folder's magnet.csv) or fused (those readings with the learned method where --model is given, else with
-    /// the direct one).
+    /// How motion is estimated: learned, direct (from brightness, without a model), orb (from corners, in builds with the
+    /// feature orb), magnetic (from the readings of a sequence folder's magnet.csv) or fused (those readings with the
+    /// learned method where --model is given, else with the direct one).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
     /// Settings of the orb method: endo for pictures from inside the body, ordinary for streets and rooms.

@@ -12,8 +12,7 @@
 //! rates. Equations: docs/math.md, "Fusion".
 //!
 //! Invariants: every observation yields a [`Tracked`]; poses are in the world of
-//! [`MagneticRig::world_from_array`](endoscape_core::magnetic::MagneticRig::world_from_array), in metres; memory is
-//! bounded by [`FusedConfig::window`] sightings.
+//! [`MagneticRig::world_from_array`], in metres; memory is bounded by [`FusedConfig::window`] sightings.
 
 mod filter;
 mod recorded;

@@ -71,7 +71,9 @@ impl Odometry for Vision {
     }
 
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
-        let Observation::Frame(frame) = observation else { panic!("a reading was shown to the camera method") };
+        let Observation::Frame(frame) = observation else {
+            return Err(TrackError::Failed { method: "vision", index: 0, reason: "a reading was shown to it".into() });
+        };
         let world_from_camera = self.poses[frame.index];
         let confidence = if world_from_camera.is_some() { 0.9 } else { 0.0 };
         Ok(Tracked { world_from_camera, confidence, depth: None, reliability: None, warning: None })

@@ -8,7 +8,7 @@
 //! ```
 //! In the line of R. Mur-Artal, J. Montiel, J. Tardos, "ORB-SLAM" (2015): two views begin a map, projected landmarks give
 //! each frame's pose, keyframes add landmarks, and a local bundle adjustment refines them. kornia-slam 0.1 has all this;
-//! what it leaves out, relocalisation, is [`memory`] (docs/decisions/007).
+//! what it leaves out, relocalisation, is `memory` (docs/decisions/007).
 //!
 //! Lengths are in an unknown unit: the middle depth of the first map is 1. Poses are those of the moment; what a later
 //! adjustment would change in them is not taken back. Invariants: every frame yields a [`Tracked`]; the memory holds a
