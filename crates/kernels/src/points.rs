@@ -134,6 +134,7 @@ impl<const PAIRS: usize> Points<PAIRS> {
 
     /// The first `count` numbers as coefficients of a polynomial: its values at the points.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "plain indices are unrolled into registers")]
     pub fn evaluate<S: Simd>(simd: S, coefficients: &[S::f32s; MAX_POINTS], count: usize) -> [S::f32s; MAX_POINTS] {
         let mut values = [simd.splat_f32s(0.0); MAX_POINTS];
         values[0] = coefficients[0];
@@ -153,6 +154,7 @@ impl<const PAIRS: usize> Points<PAIRS> {
 
     /// The transpose of [`Self::evaluate`]: the first `count` numbers of the result.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "plain indices are unrolled into registers")]
     pub fn collect<S: Simd>(simd: S, values: &[S::f32s; MAX_POINTS], count: usize) -> [S::f32s; MAX_POINTS] {
         let mut outputs = [simd.splat_f32s(0.0); MAX_POINTS];
         outputs[0] = values[0];
@@ -182,6 +184,7 @@ pub fn empty<S: Simd>(simd: S) -> Tile<S> {
 
 /// The first `rows` numbers of a column of a tile.
 #[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "plain indices are unrolled into registers")]
 pub fn column<S: Simd>(simd: S, tile: &Tile<S>, column: usize, rows: usize) -> [S::f32s; MAX_POINTS] {
     let mut values = [simd.splat_f32s(0.0); MAX_POINTS];
     for row in 0..rows {
