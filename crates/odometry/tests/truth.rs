@@ -9,6 +9,7 @@
 
 use endoscape_core::{Camera, DepthMap, Frame, Grid, Image, Observation, Odometry, Pose, Size, Tracked, se3};
 use endoscape_odometry::networks::{DepthModel, MotionModel, Motions};
+use endoscape_odometry::refine::{Contrast, refined};
 use endoscape_odometry::{LearnedOdometry, OdometryConfig};
 use nalgebra::{Point2, Vector3, Vector6};
 use std::sync::Arc;
@@ -181,20 +182,33 @@ fn opposite_biases_of_both_directions_cancel() {
 }
 
 #[test]
-fn a_wrong_motion_network_is_put_right_by_the_pictures() {
-    let straight = World::new(30, 0.02, |_| 1.0);
-    let world = Arc::new(World { bias: 1.4, ..straight });
-    let position = |refine: bool, gap: usize| {
-        let motion = TrueMotion { world: world.clone(), side: 1 };
-        let config = OdometryConfig { refine, ..config(gap) };
-        let mut odometry =
-            LearnedOdometry::from_models(Box::new(TrueDepth(world.clone())), Box::new(motion), config).unwrap();
-        errors(&world, &track_all(&world, &mut odometry, Some(world.camera))).0
+fn pictures_bring_pixels_together_from_a_poor_guess() {
+    let world = World::new(13, 0.02, |_| 1.0);
+    let pictures = [0, 12].map(|index: usize| Contrast::new(&world.images[index]).unwrap());
+    let truth = world.poses[12].inverse() * world.poses[0];
+    let found = refined((&pictures[0], world.depths[0].grid()), &pictures[1], &world.camera, &[Pose::identity()]);
+    let distance = |motion: &Pose| {
+        let place = |motion: &Pose, x: usize, y: usize| {
+            let depth = f64::from(world.depths[0].get(x, y).unwrap());
+            let point = world.camera.unproject_to_depth(&Point2::new(x as f64, y as f64), depth).unwrap();
+            world.camera.project(&(motion * point)).unwrap()
+        };
+        let pixels: Vec<_> = (8..56).step_by(8).flat_map(|y| (8..88).step_by(8).map(move |x| (x, y))).collect();
+        let apart = |&(x, y): &(usize, usize)| (place(motion, x, y) - place(&truth, x, y)).norm();
+        pixels.iter().map(apart).sum::<f64>() / pixels.len() as f64
     };
-    for gap in [1, 2, 3, 4, 0] {
-        eprintln!("DBG {gap}: {} {}", position(false, gap), position(true, gap));
-    }
-    assert!(false);
+    let (before, after) = (distance(&Pose::identity()), distance(&found.unwrap()));
+    assert!(before > 2.0 && after < 0.2, "{before} pixels became {after}");
+}
+
+#[test]
+fn pictures_of_something_else_are_refused() {
+    let world = World::new(1, 0.02, |_| 1.0);
+    let noise = |x: usize, y: usize| [(((x * 7919 + y * 104_729) ^ (x * y * 31)) % 251) as u8; 3];
+    let (known, other) =
+        (Contrast::new(&world.images[0]).unwrap(), Contrast::new(&Image::from_fn(SIZE, noise)).unwrap());
+    let found = refined((&known, world.depths[0].grid()), &other, &world.camera, &[Pose::identity()]);
+    assert!(found.is_none(), "{found:?}");
 }
 
 #[test]
