@@ -15,10 +15,9 @@ pub fn of(sequence: &SequenceStudy) -> Vec<String> {
         })
         .collect();
     if sequence.is_simulated {
-        sentences.push(format!(
-            "{} is simulated: pictures, poses and depth come from a program, and no number here speaks about a patient.",
-            sequence.name
-        ));
+        let said =
+            "is simulated: pictures, poses and depth come from a program, and no number here speaks about a patient";
+        sentences.insert(0, format!("{} {said}.", sequence.name));
     }
     if !sequence.has_truth {
         sentences.push("The true path is not known: nothing here says how right the result is.".to_owned());
