@@ -47,6 +47,8 @@ fn config(steps: u64) -> TrainConfig {
             auto_mask: false,
             brightness: Brightness::Constant,
             smoothness_weight: 1e-4,
+            // The room is lit by daylight, not by a lamp at the lens.
+            light_weight: 0.0,
             ..ObjectiveConfig::endo()
         },
         nets,

@@ -88,6 +88,8 @@ validate_every = 4
 validation_snippets = 2
 checkpoint_seconds = 0.0
 gap.fixed = 1
+# Does not ask how long the run will be, so that one that is stopped early can be compared.
+decay = 'constant'
 [nets.disp]
 encoder = [4, 4, 8, 8, 8, 8, 8]
 decoder = [8, 8, 8, 8, 4, 4, 4]
