@@ -24,7 +24,7 @@ const JPEG_QUALITY: u8 = 88;
 /// Space between pictures, for heads above and labels at the left, pixels.
 const GAP: f64 = 8.0;
 const HEAD: f64 = 24.0;
-const SIDE: f64 = 64.0;
+const SIDE: f64 = 84.0;
 
 /// Height of a bar of colours with its labels, pixels.
 const BAR: f64 = 46.0;
