@@ -198,7 +198,8 @@ fn pictures_bring_pixels_together_from_a_poor_guess() {
         pixels.iter().map(apart).sum::<f64>() / pixels.len() as f64
     };
     let (before, after) = (distance(&Pose::identity()), distance(&found.unwrap()));
-    assert!(before > 2.0 && after < 0.2, "{before} pixels became {after}");
+    // Half a pixel: these pictures are 96 pixels wide, and contrast is taken over nine of them.
+    assert!(before > 3.0 && after < 0.5, "{before} pixels became {after}");
 }
 
 #[test]
