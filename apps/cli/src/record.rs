@@ -7,7 +7,7 @@ use endoscape_report::recording::Recording;
 
 use endoscape_frames::Sequence;
 use endoscape_report::Study;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The recording of a command, if one is asked for.
 #[derive(clap::Args)]
@@ -42,8 +42,9 @@ impl Recorder {
 /// What builds without the feature have in its place.
 #[cfg(not(feature = "rerun"))]
 mod absent {
-    use super::{Path, PathBuf, Sequence, Study};
+    use super::{PathBuf, Sequence, Study};
     use endoscape_report::ReportError;
+    use std::path::Path;
 
     /// There is none.
     pub enum Recording {}
