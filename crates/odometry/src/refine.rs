@@ -17,7 +17,7 @@ const POINTS: usize = 800;
 /// Share of the visible points that must agree, and of all points that must be visible, for an alignment to count.
 const LEAST_SHARE: f64 = 0.4;
 
-/// Correlation of both pictures' brightness below which they do not show the same.
+/// Correlation of both pictures' local contrast below which they do not show the same.
 const LEAST_CORRELATION: f64 = 0.4;
 
 /// Width at which pictures are compared; narrower ones stay as they are.
