@@ -66,8 +66,8 @@ pub fn refined(
     let camera = camera.scaled_to(reference.size()).ok().filter(|_| reference.size() == current.size())?;
     let depth = DepthMap::new(stretched(depth, reference.size()));
     let picture = (&reference.image, &depth, Some(&reference.matt));
-    let aligned = |guess: &Pose| align(picture, &current.image, &camera, *guess, POINTS).ok().flatten();
-    let trusted = guesses.iter().filter_map(aligned).filter(is_trusted);
+    let aligned = align(picture, &current.image, &camera, guesses, POINTS).ok()?;
+    let trusted = aligned.into_iter().filter(is_trusted);
     Some(trusted.max_by(|a, b| a.correlation.total_cmp(&b.correlation))?.current_from_reference)
 }
 

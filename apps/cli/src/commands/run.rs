@@ -273,7 +273,7 @@ impl Args {
             Method::Learned => self.prepare_learned(),
             Method::Direct => prepare_direct(sequence),
             Method::Orb => prepare_orb(sequence, self.preset),
-            Method::Magnetic => prepare_magnetic(sequence),
+            Method::Magnetic => prepare_magnetic(sequence, self.range.clone()),
             Method::Fused => self.prepare_fused(sequence),
         }
     }
@@ -403,8 +403,15 @@ fn prepare_direct(sequence: &Sequence) -> anyhow::Result<Prepared> {
     })
 }
 
-fn prepare_magnetic(sequence: &Sequence) -> anyhow::Result<Prepared> {
-    let (rig, readings) = read_magnet(sequence, Method::Magnetic)?;
+fn prepare_magnetic(sequence: &Sequence, range: Option<Range<usize>>) -> anyhow::Result<Prepared> {
+    let (rig, mut readings) = read_magnet(sequence, Method::Magnetic)?;
+    if let Some(range) = range {
+        readings.retain(|reading| range.contains(&reading.index));
+        if readings.is_empty() {
+            let root = sequence.root.display();
+            bail!("{root}: no reading lies in {}..{}; choose another --range", range.start, range.end);
+        }
+    }
     let config = MagneticConfig::default();
     Ok(Prepared {
         model: None,

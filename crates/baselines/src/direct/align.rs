@@ -266,7 +266,7 @@ fn correlation(seen: &[Seen]) -> f64 {
 /// Aligns two pictures of one camera, given the depth of the first: the building block for other methods.
 ///
 /// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or unknown depth have none. About `count`
-/// pixels are used. `None` where too little is visible from `guess`.
+/// pixels are used. One answer per guess, in their order, but for those from which too little is visible.
 ///
 /// # Errors
 /// [`CameraError`] for a camera that cannot be halved.
@@ -274,9 +274,9 @@ pub fn align(
     reference: (&Image, &DepthMap, Option<&Grid<f32>>),
     current: &Image,
     camera: &Camera,
-    guess: Pose,
+    guesses: &[Pose],
     count: usize,
-) -> Result<Option<Alignment>, CameraError> {
+) -> Result<Vec<Alignment>, CameraError> {
     let (image, depth, weights) = reference;
     let lenses = Lenses::new(camera, 6)?;
     let pyramid = Pyramid::new(image, None, &lenses);
@@ -289,8 +289,12 @@ pub fn align(
     };
     let points = super::point::select(&pyramid, count).into_iter().filter_map(point).collect();
     let reference = Reference::new(points, &pyramid, &lenses);
-    let guess = Alignment::guess(guess, Brightness::default());
-    Ok(reference.align(&Pyramid::new(current, None, &lenses), &lenses, &guess, super::BRIGHTNESS_NOISE))
+    let current = Pyramid::new(current, None, &lenses);
+    let aligned = |guess: &Pose| {
+        let guess = Alignment::guess(*guess, Brightness::default());
+        reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE)
+    };
+    Ok(guesses.iter().filter_map(aligned).collect())
 }
 
 /// Standard deviation of a given depth as a share of it: estimated depths are rarely better.
