@@ -407,6 +407,9 @@ fn the_magnetic_method_finds_the_capsule_in_metres() {
     assert!(Path::new(&out).join("report.html").exists());
     let (_elsewhere, out) = place();
     assert!(fail(&["run", &tube(), "--method", "magnetic", "--out", &out]).contains("holds no magnet.toml"));
+    let part = |range| ["run", &patient, "--method", "magnetic", "--range", range, "--out", &out, "--json"];
+    assert!(fail(&part("90..99")).contains("no reading lies in 90..99"));
+    assert_eq!(json(&part("2..5"))["frames"].as_u64(), Some(3));
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn picture(batch: usize, channels: usize, device: &Device) -> Tensor<4> {
 #[divan::bench(args = WIDTHS, sample_count = 10, sample_size = 1)]
 fn depth_of_one_frame(bencher: Bencher, width: f64) {
     let device = Device::flex();
-    let net = DispNetConfig::default().with_width(width).init(&device).unwrap();
+    let net = DispNetConfig::default().with_width(width).init(0, &device).unwrap();
     let image = picture(1, 3, &device);
     bencher.bench_local(|| {
         let [disparity, ..] = net.forward(image.clone()).scales;
@@ -32,7 +32,7 @@ fn depth_of_one_frame(bencher: Bencher, width: f64) {
 #[divan::bench(args = WIDTHS, sample_count = 10, sample_size = 1)]
 fn motion_of_one_snippet(bencher: Bencher, width: f64) {
     let device = Device::flex();
-    let net = PoseMaskNetConfig::default().with_width(width).init(&device).unwrap();
+    let net = PoseMaskNetConfig::default().with_width(width).init(0, &device).unwrap();
     let frames = [picture(1, 3, &device), picture(1, 3, &device), picture(1, 3, &device)];
     let [target, sources @ ..] = &frames;
     bencher.bench_local(|| net.forward_motion(target.clone(), sources).into_data());
@@ -42,8 +42,8 @@ fn motion_of_one_snippet(bencher: Bencher, width: f64) {
 #[divan::bench(args = WIDTHS, sample_count = 3, sample_size = 1)]
 fn gradients_of_one_batch(bencher: Bencher, width: f64) {
     let device = Device::flex().autodiff();
-    let disp = DispNetConfig::default().with_width(width).init(&device).unwrap();
-    let pose = PoseMaskNetConfig::default().with_width(width).init(&device).unwrap();
+    let disp = DispNetConfig::default().with_width(width).init(0, &device).unwrap();
+    let pose = PoseMaskNetConfig::default().with_width(width).init(0, &device).unwrap();
     let snippet = picture(TRAINING_BATCH, 9, &device);
     bencher.bench_local(|| {
         let [disparity, ..] = disp.forward(snippet.clone().narrow(1, 0, 3)).scales;

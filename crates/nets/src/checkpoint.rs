@@ -109,12 +109,12 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// An untrained model; seed the device first for the same weights every time.
+    /// The untrained model of `seed`.
     ///
     /// # Errors
     /// [`NetsError::Config`] when a setting is impossible.
-    pub fn init(config: NetsConfig, device: &Device) -> Result<Self, NetsError> {
-        let (disp, pose) = (Some(config.disp.init(device)?), Some(config.pose.init(device)?));
+    pub fn init(config: NetsConfig, seed: u64, device: &Device) -> Result<Self, NetsError> {
+        let (disp, pose) = (Some(config.disp.init(seed, device)?), Some(config.pose.init(seed, device)?));
         Ok(Self { config, disp, pose, manifest: Manifest::default() })
     }
 
@@ -210,13 +210,13 @@ impl Checkpoint {
             Network::Disp => {
                 self.config.disp.validate().map_err(impossible)?;
                 check_size(self.config.disp.parameter_count(), &arrays).map_err(mismatch)?;
-                let net = self.disp.insert(self.config.disp.init(device)?);
+                let net = self.disp.insert(self.config.disp.init(0, device)?);
                 apply(net, arrays, naming::disp_net).map_err(mismatch)
             }
             Network::Pose => {
                 self.config.pose.validate().map_err(impossible)?;
                 check_size(self.config.pose.parameter_count(), &arrays).map_err(mismatch)?;
-                let net = self.pose.insert(self.config.pose.init(device)?);
+                let net = self.pose.insert(self.config.pose.init(0, device)?);
                 apply(net, arrays, naming::pose_mask_net).map_err(mismatch)
             }
         }

@@ -88,13 +88,13 @@ impl DispNetConfig {
         encoder.chain(decoder).sum()
     }
 
-    /// Builds the network with fresh weights; seed the device first for the same weights every time.
+    /// Builds the network with the fresh weights of `seed`.
     ///
     /// # Errors
     /// As [`Self::validate`].
-    pub fn init(&self, device: &Device) -> Result<DispNet, NetsError> {
+    pub fn init(&self, seed: u64, device: &Device) -> Result<DispNet, NetsError> {
         self.validate()?;
-        let layers = LayerFactory { padding: self.padding, batch_norm: self.batch_norm, device };
+        let layers = LayerFactory::new(self.padding, self.batch_norm, seed, device);
         let encoder = std::array::from_fn(|stage| {
             let ([input, output], kernel) = (self.encoder_channels(stage), ENCODER_KERNELS[stage]);
             EncoderStage {

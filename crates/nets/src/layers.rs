@@ -10,8 +10,11 @@ use burn::nn::{BatchNorm, BatchNormConfig, PaddingConfig2d};
 use burn::tensor::activation::relu;
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
-use burn::tensor::{Device, Distribution, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
 
 /// How pictures are padded at their borders, which decides where a stride-2 convolution places its samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -46,15 +49,21 @@ impl Padding {
 
 /// Makes layers that share a padding, a normalisation switch and a device.
 ///
-/// Weights are Xavier-uniform and biases zero (section 2 of the method, after SfMLearner). They are drawn at once and
-/// in the order of the calls, so that a seeded device yields the same network every time.
+/// Weights are Xavier-uniform and biases zero (section 2 of the method, after SfMLearner). They are drawn in the order
+/// of the calls from a generator of the factory's own: that of a device is shared by the whole process, where two
+/// networks made at once would take numbers from each other. One seed is one network, on every device.
 pub(crate) struct LayerFactory<'a> {
-    pub padding: Padding,
-    pub batch_norm: bool,
-    pub device: &'a Device,
+    padding: Padding,
+    batch_norm: bool,
+    device: &'a Device,
+    numbers: RefCell<ChaCha8Rng>,
 }
 
-impl LayerFactory<'_> {
+impl<'a> LayerFactory<'a> {
+    pub fn new(padding: Padding, batch_norm: bool, seed: u64, device: &'a Device) -> Self {
+        Self { padding, batch_norm, device, numbers: RefCell::new(ChaCha8Rng::seed_from_u64(seed)) }
+    }
+
     /// Convolution, normalisation if switched on, ReLU.
     pub fn block(&self, channels: [usize; 2], kernel: usize, stride: usize) -> ConvBlock {
         ConvBlock { conv: self.conv(channels, kernel, stride), norm: self.norm(channels[1]) }
@@ -97,8 +106,10 @@ impl LayerFactory<'_> {
     /// Uniform in `+-sqrt(6 / (fan_in + fan_out))` (Glorot and Bengio 2010, equation 16).
     fn xavier(&self, shape: [usize; 4]) -> Param<Tensor<4>> {
         let fans = (shape[0] + shape[1]) * shape[2] * shape[3];
-        let bound = (6.0 / fans as f64).sqrt();
-        Param::from_tensor(Tensor::random(shape, Distribution::Uniform(-bound, bound), self.device))
+        let bound = (6.0 / fans as f64).sqrt() as f32;
+        let mut numbers = self.numbers.borrow_mut();
+        let weights = (0..shape.iter().product()).map(|_| bound * (2.0 * numbers.random::<f32>() - 1.0)).collect();
+        Param::from_data(TensorData::new::<f32, _>(weights, shape), self.device)
     }
 
     fn zeros(&self, channels: usize) -> Param<Tensor<1>> {
@@ -183,7 +194,7 @@ mod tests {
     #[test]
     fn weights_fill_the_xavier_range_and_biases_are_zero() {
         let device = Device::flex();
-        let layers = LayerFactory { padding: Padding::Symmetric, batch_norm: false, device: &device };
+        let layers = LayerFactory::new(Padding::Symmetric, false, 0, &device);
         // Fans 8 * 25 and 16 * 25, by hand: sqrt(6 / 600) = 0.1.
         let conv = layers.conv([8, 16], 5, 2);
         let up = layers.up_block([16, 8], 5).conv;
@@ -200,7 +211,7 @@ mod tests {
         // 1 2 (padding 1, output padding 1), TensorFlow 0 1 (the adjoint of padding 0 before, 1 after).
         let device = Device::flex();
         for (padding, kept) in [(Padding::Symmetric, [1.0, 2.0]), (Padding::Same, [0.0, 1.0])] {
-            let layers = LayerFactory { padding, batch_norm: false, device: &device };
+            let layers = LayerFactory::new(padding, false, 0, &device);
             let mut block = layers.up_block([1, 1], 3);
             let kernel = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]];
             block.conv.weight = Param::from_data([[kernel]], &device);
@@ -216,7 +227,7 @@ mod tests {
         let device = Device::flex();
         let row: Tensor<4> = Tensor::from_data([[[[1.0, 2.0, 3.0, 4.0]]]], &device);
         for (padding, sums) in [(Padding::Same, [6.0, 7.0]), (Padding::Symmetric, [3.0, 9.0])] {
-            let layers = LayerFactory { padding, batch_norm: false, device: &device };
+            let layers = LayerFactory::new(padding, false, 0, &device);
             let mut block = layers.block([1, 1], 3, 2);
             block.conv.weight = Param::from_data([[[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]], &device);
             // A single row has odd height: both flavours pad it by one above and below.

@@ -138,13 +138,13 @@ impl PoseMaskNetConfig {
         ups.chain(heads).sum()
     }
 
-    /// Builds the network with fresh weights; seed the device first for the same weights every time.
+    /// Builds the network with the fresh weights of `seed`.
     ///
     /// # Errors
     /// As [`Self::validate`].
-    pub fn init(&self, device: &Device) -> Result<PoseMaskNet, NetsError> {
+    pub fn init(&self, seed: u64, device: &Device) -> Result<PoseMaskNet, NetsError> {
         self.validate()?;
-        let layers = LayerFactory { padding: self.padding, batch_norm: self.batch_norm, device };
+        let layers = LayerFactory::new(self.padding, self.batch_norm, seed, device);
         Ok(PoseMaskNet {
             encoder: std::array::from_fn(|k| layers.block(self.encoder_channels(k), ENCODER_KERNELS[k], 2)),
             motion: std::array::from_fn(|k| layers.block(self.motion_channels(k), MOTION_KERNEL, 2)),

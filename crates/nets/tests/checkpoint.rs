@@ -12,7 +12,7 @@ fn tiny() -> NetsConfig {
 }
 
 fn saved(folder: &Path) -> Checkpoint {
-    let mut checkpoint = Checkpoint::init(tiny(), &Device::flex()).unwrap();
+    let mut checkpoint = Checkpoint::init(tiny(), 0, &Device::flex()).unwrap();
     checkpoint.manifest.steps = 1200;
     checkpoint.manifest.seed = Some(9);
     checkpoint.manifest.data = vec![DataSource { name: "colon".into(), fingerprint: "ab12".into() }];
@@ -56,11 +56,11 @@ fn a_checkpoint_comes_back_as_it_was() {
 fn running_statistics_are_part_of_a_checkpoint() {
     let root = tempfile::tempdir().unwrap();
     let device = Device::flex().autodiff();
-    let trained = Checkpoint::init(tiny(), &device).unwrap();
+    let trained = Checkpoint::init(tiny(), 0, &device).unwrap();
     let _ = trained.disp.as_ref().unwrap().forward(Tensor::full([2, 3, 16, 16], 0.5, &device));
     trained.save(&root.path().join("best")).unwrap();
     let plain = Checkpoint::load(&root.path().join("best"), &Device::flex()).unwrap();
-    let fresh = Checkpoint::init(tiny(), &Device::flex()).unwrap();
+    let fresh = Checkpoint::init(tiny(), 0, &Device::flex()).unwrap();
     let statistics = |checkpoint: &Checkpoint| {
         let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
         checkpoint.export_safetensors(&path).unwrap();
@@ -77,7 +77,7 @@ fn saving_replaces_a_checkpoint_with_everything_in_it_or_not_at_all() {
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("best");
     let first = saved(&folder);
-    let second = Checkpoint::init(tiny(), &Device::flex()).unwrap();
+    let second = Checkpoint::init(tiny(), 0, &Device::flex()).unwrap();
     let failure = second.save_with(&folder, |draft| {
         fs::write(draft.join("optimizer"), "half").unwrap();
         Err(NetsError::Missing { path: draft.to_path_buf(), what: "disk" })
@@ -112,7 +112,7 @@ fn an_interrupted_replacement_leaves_the_previous_checkpoint_to_load() {
 fn a_folder_that_is_no_checkpoint_is_never_replaced() {
     let root = tempfile::tempdir().unwrap();
     fs::write(root.path().join("thesis.tex"), "years of work").unwrap();
-    let message = Checkpoint::init(tiny(), &Device::flex()).unwrap().save(root.path()).unwrap_err().to_string();
+    let message = Checkpoint::init(tiny(), 0, &Device::flex()).unwrap().save(root.path()).unwrap_err().to_string();
     assert!(message.contains("is not a checkpoint; choose another folder"), "{message}");
     assert_eq!(fs::read_to_string(root.path().join("thesis.tex")).unwrap(), "years of work");
 }

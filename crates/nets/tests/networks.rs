@@ -18,7 +18,7 @@ fn disparity_has_four_scales_of_any_size_within_its_range() {
     let device = Device::flex();
     for (padding, batch_norm) in [(Padding::Symmetric, false), (Padding::Same, true)] {
         let config = DispNetConfig { padding, batch_norm, ..DispNetConfig::default() }.with_width(1.0 / 16.0);
-        let net = config.init(&device).unwrap();
+        let net = config.init(0, &device).unwrap();
         for size in [[127, 211], [64, 128], [256, 320], [1, 1], [2, 130]] {
             let pyramid = net.forward(noise(3, size, &device));
             for (scale, disparity) in pyramid.scales.iter().enumerate() {
@@ -44,7 +44,7 @@ fn motion_and_mask_follow_the_snippet_length_at_any_size() {
     ] {
         let config =
             PoseMaskNetConfig { snippet_length, mask, padding, mask_kernels: [3, 3, 4, 5, 7], ..Default::default() };
-        let net = config.with_width(1.0 / 8.0).init(&device).unwrap();
+        let net = config.with_width(1.0 / 8.0).init(0, &device).unwrap();
         for size in [[127, 211], [64, 128], [1, 3]] {
             let sources: Vec<_> = (1..snippet_length).map(|_| noise(3, size, &device)).collect();
             let seen = net.forward(noise(3, size, &device), &sources);
@@ -61,7 +61,7 @@ fn motion_and_mask_follow_the_snippet_length_at_any_size() {
 #[test]
 fn without_a_mask_the_motion_is_the_same() {
     let device = Device::flex();
-    let net = PoseMaskNetConfig::default().with_width(0.125).init(&device).unwrap();
+    let net = PoseMaskNetConfig::default().with_width(0.125).init(0, &device).unwrap();
     let (target, sources) = (noise(3, [40, 56], &device), [noise(3, [40, 56], &device), noise(3, [40, 56], &device)]);
     let with_mask = net.forward(target.clone(), &sources).motion;
     let joined = Tensor::cat(vec![target.clone(), sources[0].clone(), sources[1].clone()], 1);
@@ -69,7 +69,7 @@ fn without_a_mask_the_motion_is_the_same() {
         assert_eq!(with_mask.clone().into_data(), other.into_data());
     }
     let maskless = PoseMaskNetConfig { mask: MaskHead::None, ..Default::default() }.with_width(0.125);
-    assert!(!maskless.init(&device).unwrap().has_mask());
+    assert!(!maskless.init(0, &device).unwrap().has_mask());
 }
 
 #[test]
@@ -81,8 +81,8 @@ fn parameter_counts_are_those_of_the_published_networks() {
     assert_eq!(millions(port.pose.motion_parameter_count()), 1.59);
     for config in [NetsConfig::fast(), NetsConfig::paper()] {
         let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose };
-        assert_eq!(config.disp.init(&device).unwrap().num_params(), config.disp.parameter_count());
-        assert_eq!(config.pose.init(&device).unwrap().num_params(), config.pose.parameter_count());
+        assert_eq!(config.disp.init(0, &device).unwrap().num_params(), config.disp.parameter_count());
+        assert_eq!(config.pose.init(0, &device).unwrap().num_params(), config.pose.parameter_count());
     }
     assert!(NetsConfig::fast().disp.parameter_count() * 10 < port.disp.parameter_count());
 }
@@ -90,8 +90,8 @@ fn parameter_counts_are_those_of_the_published_networks() {
 #[test]
 fn every_parameter_receives_a_gradient() {
     let device = Device::flex().autodiff();
-    let disp = DispNetConfig::default().with_width(1.0 / 16.0).init(&device).unwrap();
-    let pose = PoseMaskNetConfig::default().with_width(1.0 / 8.0).init(&device).unwrap();
+    let disp = DispNetConfig::default().with_width(1.0 / 16.0).init(0, &device).unwrap();
+    let pose = PoseMaskNetConfig::default().with_width(1.0 / 8.0).init(0, &device).unwrap();
     let sources = [noise(3, [33, 47], &device), noise(3, [33, 47], &device)];
     let target = noise(3, [33, 47], &device);
     let seen = pose.forward(target.clone(), &sources);
@@ -123,7 +123,7 @@ fn dead_parameters(module: &impl Module, gradients: &Gradients) -> usize {
 #[test]
 fn a_fresh_network_sees_the_middle_of_the_range_in_a_black_picture() {
     let device = Device::flex();
-    let net = DispNetConfig::default().with_width(0.125).init(&device).unwrap();
+    let net = DispNetConfig::default().with_width(0.125).init(0, &device).unwrap();
     // Zero biases keep the features of a black picture at zero, so the coarsest head says alpha / 2 + beta.
     let [.., coarsest] = net.forward(Tensor::zeros([1, 3, 32, 48], &device)).scales;
     assert!((coarsest - 5.01).abs().max().into_scalar::<f32>() < 1e-6);

@@ -59,8 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn checkpoint(nets: &str) -> Result<Checkpoint, Box<dyn Error>> {
     let device = Device::flex();
-    device.seed(0);
-    Ok(Checkpoint::init(NetsConfig::preset(nets).ok_or("no such networks")?, &device)?)
+    Ok(Checkpoint::init(NetsConfig::preset(nets).ok_or("no such networks")?, 0, &device)?)
 }
 
 fn preset(objective: &str) -> Result<ObjectiveConfig, Box<dyn Error>> {
@@ -86,7 +85,7 @@ fn export(folder: &Path, nets: &str, size: Size) -> Result<Vec<f64>, Box<dyn Err
     let mut config = NetsConfig::preset(nets).ok_or("no such networks")?;
     // Without its mask the motion network is what a user runs.
     config.pose.mask = MaskHead::None;
-    let checkpoint = Checkpoint::init(config, &Device::flex())?;
+    let checkpoint = Checkpoint::init(config, 0, &Device::flex())?;
     let size = Some([size.height, size.width]);
     for (name, network) in [("disp", Network::Disp), ("pose", Network::Pose)] {
         let options = OnnxOptions { only: Some(network), batch: Some(1), size };
@@ -186,7 +185,7 @@ fn steps(
 ) -> Result<Vec<[f64; 4]>, Box<dyn Error>> {
     let device = Device::flex().autodiff();
     let batch = batch(snippets, size, config, &device)?;
-    let fresh = Checkpoint::init(checkpoint.config, &device)?;
+    let fresh = Checkpoint::init(checkpoint.config, 0, &device)?;
     let mut model = DepthMotionModel::from_checkpoint(fresh)?;
     let (mut optimizer, mut steps) = (adam(), Vec::new());
     for _ in 0..=count {

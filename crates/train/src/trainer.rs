@@ -136,12 +136,11 @@ struct ScoreLine {
 pub fn train(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Result<Summary, TrainError> {
     job.config.validate()?;
     let device = job.device.clone().autodiff();
-    device.seed(job.config.seed);
     let nets = &job.config.nets;
     let checkpoint = match &job.init {
-        None => Checkpoint::init(nets.clone(), &device)?,
+        None => Checkpoint::init(nets.clone(), job.config.seed, &device)?,
         Some(path) => {
-            let (checkpoint, message) = initial_weights(path, nets, &device)?;
+            let (checkpoint, message) = initial_weights(path, nets, job.config.seed, &device)?;
             message.into_iter().for_each(|message| events.event(Event::Warned(message)));
             checkpoint
         }

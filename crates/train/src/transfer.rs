@@ -13,13 +13,14 @@ use std::path::Path;
 /// The weights at `path` for networks as `wanted`, and a sentence if not all of them could be used.
 ///
 /// The architecture is the checkpoint's; of `wanted` only the snippet length counts, and a network the checkpoint does
-/// not have.
+/// not have. Layers without weights start with those of `seed`.
 ///
 /// # Errors
 /// [`TrainError::Nets`] if the checkpoint cannot be read or the networks cannot be built.
 pub fn initial_weights(
     path: &Path,
     wanted: &NetsConfig,
+    seed: u64,
     device: &Device,
 ) -> Result<(Checkpoint, Option<String>), TrainError> {
     let mut loaded = Checkpoint::load(path, device)?;
@@ -31,7 +32,7 @@ pub fn initial_weights(
         loaded.pose = Some(if length == old_length {
             old
         } else {
-            let (pose, fresh) = transplant(&old, loaded.config.pose.init(device)?)?;
+            let (pose, fresh) = transplant(&old, loaded.config.pose.init(seed, device)?)?;
             message = Some(format!(
                 "{} was trained on snippets of {old_length} frames: for {length} these layers of the motion network \
                  start fresh: {}",
@@ -41,7 +42,7 @@ pub fn initial_weights(
             pose
         });
     }
-    let mut checkpoint = Checkpoint::init(wanted.clone(), device)?;
+    let mut checkpoint = Checkpoint::init(wanted.clone(), seed, device)?;
     checkpoint.absorb(loaded);
     checkpoint.manifest.origin = Some(path.display().to_string());
     Ok((checkpoint, message))
@@ -78,7 +79,7 @@ mod tests {
     use burn::tensor::Tensor;
 
     fn saved(config: &NetsConfig, folder: &Path, device: &Device) {
-        Checkpoint::init(config.clone(), device).unwrap().save(folder).unwrap();
+        Checkpoint::init(config.clone(), 0, device).unwrap().save(folder).unwrap();
     }
 
     fn tiny(snippet_length: usize) -> NetsConfig {
@@ -94,7 +95,7 @@ mod tests {
         let (folder, device) = (tempfile::tempdir().unwrap(), Device::flex());
         let path = folder.path().join("first");
         saved(&tiny(3), &path, &device);
-        let (checkpoint, message) = initial_weights(&path, &NetsConfig::paper(), &device).unwrap();
+        let (checkpoint, message) = initial_weights(&path, &NetsConfig::paper(), 0, &device).unwrap();
         assert_eq!((message, checkpoint.config), (None, tiny(3)));
         let picture = Tensor::<4>::ones([1, 3, 40, 56], &device) * 0.3;
         let old = Checkpoint::load(&path, &device).unwrap().disp.unwrap().forward(picture.clone());
@@ -107,7 +108,7 @@ mod tests {
         let (folder, device) = (tempfile::tempdir().unwrap(), Device::flex());
         let path = folder.path().join("first");
         saved(&tiny(3), &path, &device);
-        let (checkpoint, message) = initial_weights(&path, &tiny(5), &device).unwrap();
+        let (checkpoint, message) = initial_weights(&path, &tiny(5), 0, &device).unwrap();
         let message = message.unwrap();
         assert!(message.contains("snippets of 3 frames: for 5"), "{message}");
         assert!(message.contains("encoder.0.conv") && message.contains("motion_head"), "{message}");

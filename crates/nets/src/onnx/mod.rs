@@ -238,7 +238,7 @@ mod tests {
 
     fn tiny(config: NetsConfig) -> Checkpoint {
         let config = NetsConfig { disp: config.disp.with_width(0.01), pose: config.pose.with_width(0.05) };
-        Checkpoint::init(config, &Device::flex()).unwrap()
+        Checkpoint::init(config, 0, &Device::flex()).unwrap()
     }
 
     #[test]

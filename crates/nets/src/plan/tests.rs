@@ -28,7 +28,7 @@ fn plans_give_what_the_networks_give() {
     let device = Device::flex();
     for config in [NetsConfig::paper(), NetsConfig::endo()] {
         let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose.with_width(0.25) };
-        let mut checkpoint = Checkpoint::init(config, &device).unwrap();
+        let mut checkpoint = Checkpoint::init(config, 0, &device).unwrap();
         disturb_norms(&mut checkpoint);
         for size in [[128, 160], [37, 90], [1, 3]] {
             let shape = [1, 9, size[0], size[1]];
@@ -65,7 +65,7 @@ fn disturb_norms(checkpoint: &mut Checkpoint) {
 
 #[test]
 fn a_picture_without_pixels_is_refused() {
-    let checkpoint = Checkpoint::init(NetsConfig::fast(), &Device::flex()).unwrap();
+    let checkpoint = Checkpoint::init(NetsConfig::fast(), 0, &Device::flex()).unwrap();
     let message = InferencePlan::new(&checkpoint, [0, 4], false).unwrap_err().to_string();
     assert_eq!(message, "the network setting `size` is 4x0 but needs at least one pixel");
 }
