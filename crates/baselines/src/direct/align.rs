@@ -8,7 +8,7 @@ use super::lens::Lens;
 use super::point::{InverseDepth, Point};
 use super::pyramid::{Lenses, Level, Pyramid, at_level};
 use crate::least_squares::{self, NormalEquations, Problem, Stop};
-use endoscape_core::{Camera, CameraError, DepthMap, Grid, Image, Pose, se3};
+use endoscape_core::{Camera, CameraError, Grid, Image, Pose, se3};
 use nalgebra::{Matrix6, SVector, Vector2, Vector3, Vector6};
 
 /// Unknowns: twist of the motion (6), logarithm of the gain, offset.
@@ -197,6 +197,26 @@ impl Reference {
         reference
     }
 
+    /// About `count` points of a picture whose depth is given, at its full size.
+    ///
+    /// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or without depth (not above 0) have none.
+    pub fn of_depth(
+        pyramid: &Pyramid,
+        lenses: &Lenses,
+        (depth, weights): (&Grid<f32>, Option<&Grid<f32>>),
+        count: usize,
+    ) -> Self {
+        let point = |(x, y): (usize, usize)| {
+            let depth = depth.get(x, y).copied().filter(|depth| *depth > 0.0 && depth.is_finite())?;
+            let weight = weights.map_or(1.0, |weights| f64::from(*weights.get(x, y).unwrap_or(&0.0)));
+            let mean = 1.0 / f64::from(depth);
+            let known = InverseDepth { mean, variance: (DEPTH_SHARE * mean).powi(2) };
+            let point = Point::new(pyramid.level(0), lenses.level(0), Vector2::new(x as f64, y as f64), known)?;
+            (weight > 0.0).then_some(Point { weight, ..point })
+        };
+        Self::new(super::point::select(pyramid, count).into_iter().filter_map(point).collect(), pyramid, lenses)
+    }
+
     /// Keeps the points that `keep` accepts and that every level can show.
     pub fn retain_points(&mut self, keep: impl Fn(&Point) -> bool) {
         let shown = |index: usize| self.brightness.iter().all(|level| level[index].is_finite());
@@ -263,38 +283,26 @@ fn correlation(seen: &[Seen]) -> f64 {
     if spread > f64::EPSILON { moment(0, 1) / spread } else { 0.0 }
 }
 
-/// Aligns two pictures of one camera, given the depth of the first: the building block for other methods.
+/// Aligns two pictures of one camera near a guess, given the depth of the first: the building block for other methods.
+/// [`Reference`] is the same in steps, for pictures that are compared more than once.
 ///
-/// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or unknown depth have none. About `count`
-/// pixels are used. One answer per guess, in their order, but for those from which too little is visible.
+/// `weights` as in [`Reference::of_depth`]; about `count` pixels are used. `None` where too few of them are visible.
 ///
 /// # Errors
 /// [`CameraError`] for a camera that cannot be halved.
 pub fn align(
-    reference: (&Image, &DepthMap, Option<&Grid<f32>>),
+    reference: (&Image, &Grid<f32>, Option<&Grid<f32>>),
     current: &Image,
     camera: &Camera,
-    guesses: &[Pose],
+    guess: &Pose,
     count: usize,
-) -> Result<Vec<Alignment>, CameraError> {
+) -> Result<Option<Alignment>, CameraError> {
     let (image, depth, weights) = reference;
     let lenses = Lenses::new(camera, 6)?;
-    let pyramid = Pyramid::new(image, None, &lenses);
-    let point = |(x, y): (usize, usize)| {
-        let mean = 1.0 / f64::from(depth.get(x, y)?);
-        let weight = weights.map_or(1.0, |weights| f64::from(*weights.get(x, y).unwrap_or(&0.0)));
-        let known = InverseDepth { mean, variance: (DEPTH_SHARE * mean).powi(2) };
-        let point = Point::new(pyramid.level(0), lenses.level(0), Vector2::new(x as f64, y as f64), known)?;
-        (weight > 0.0).then_some(Point { weight, ..point })
-    };
-    let points = super::point::select(&pyramid, count).into_iter().filter_map(point).collect();
-    let reference = Reference::new(points, &pyramid, &lenses);
+    let reference = Reference::of_depth(&Pyramid::new(image, None, &lenses), &lenses, (depth, weights), count);
     let current = Pyramid::new(current, None, &lenses);
-    let aligned = |guess: &Pose| {
-        let guess = Alignment::guess(*guess, Brightness::default());
-        reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE)
-    };
-    Ok(guesses.iter().filter_map(aligned).collect())
+    let guess = Alignment::guess(*guess, Brightness::default());
+    Ok(reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE))
 }
 
 /// Standard deviation of a given depth as a share of it: estimated depths are rarely better.
