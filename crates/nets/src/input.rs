@@ -10,8 +10,12 @@ pub fn network_range(value: f32) -> f32 {
 
 /// One picture as the networks see it, `[3, height, width]`, RGB in [-1, 1].
 pub fn network_values(image: &Image) -> Vec<f32> {
-    let plane = |channel: usize| image.rgb().iter().skip(channel).step_by(3);
-    (0..3).flat_map(plane).map(|value| network_range(f32::from(*value) / 255.0)).collect()
+    let mut values = Vec::with_capacity(image.rgb().len());
+    for channel in 0..3 {
+        let plane = image.rgb().chunks_exact(3).map(|rgb| rgb[channel]);
+        values.extend(plane.map(|value| network_range(f32::from(value) / 255.0)));
+    }
+    values
 }
 
 /// One picture as a tensor.

@@ -61,7 +61,7 @@ pub struct Keyframe {
     /// From that unit to the unit of the sequence.
     pub scale: Scale,
     /// For refining the motions from it; `None` where they are not.
-    pub reference: Option<Arc<Reference>>,
+    pub reference: Option<Reference>,
     /// Frames before it, oldest first.
     before: Vec<View>,
     /// The keyframe it was measured against.
@@ -135,9 +135,9 @@ impl History {
         &self.anchor
     }
 
-    /// Gives the anchor a better pose.
-    pub const fn correct_anchor(&mut self, world_from_camera: Pose) {
-        self.anchor.view.world_from_camera = world_from_camera;
+    /// The same, to learn more about it.
+    pub const fn anchor_mut(&mut self) -> &mut Keyframe {
+        &mut self.anchor
     }
 
     /// Whether there is only one keyframe so far, so that the anchor may be closer than training has seen.

@@ -269,7 +269,7 @@ impl LearnedOdometry {
         self.look_back(&mut history, &window, &motions);
         let guess = self.frame_from_anchor(&history, distance, &motions);
         let expected = self.path.expected();
-        let frame_from_anchor = self.sharpened(history.anchor(), present.contrast.as_deref(), [guess, expected]);
+        let frame_from_anchor = self.sharpened(history.anchor_mut(), present.contrast.as_deref(), [guess, expected]);
         self.clock.lap("refine");
         let tracked = self.place(&mut history, present, distance, (frame_from_anchor, motions.reliability.as_ref()));
         self.clock.lap("scale");
@@ -294,13 +294,13 @@ impl LearnedOdometry {
         else {
             return;
         };
-        let (anchor, world_from_previous) = (history.anchor(), previous.world_from_camera);
+        let (anchor, world_from_previous) = (history.anchor_mut(), previous.world_from_camera);
         let forward = world_from_previous.inverse() * anchor.view.world_from_camera;
         let guesses = [*previous_from_anchor, world_from_previous];
         let backward = self.sharpened(anchor, previous.contrast.as_deref(), guesses);
         let backward = chain::scaled(&backward, anchor.scale.factor());
         self.agreement = chain::agreement(&forward, &backward);
-        history.correct_anchor(chain::renormalised(world_from_previous * chain::midway(&forward, &backward)));
+        anchor.view.world_from_camera = chain::renormalised(world_from_previous * chain::midway(&forward, &backward));
     }
 
     /// The motion from the anchor, in the unit of the anchor's depth.
@@ -315,8 +315,8 @@ impl LearnedOdometry {
 
     /// The motion from the anchor as the pictures have it; `guess`, the network's, where they do not say. `expected` is
     /// the pose the camera has if it goes on as before.
-    fn sharpened(&self, anchor: &Keyframe, picture: Option<&Contrast>, [guess, expected]: [Pose; 2]) -> Pose {
-        let compared = anchor.reference.as_deref().zip(picture);
+    fn sharpened(&self, anchor: &mut Keyframe, picture: Option<&Contrast>, [guess, expected]: [Pose; 2]) -> Pose {
+        let compared = anchor.reference.as_mut().zip(picture);
         let Some(((reference, current), refiner)) = compared.zip(self.refiner()) else { return guess };
         let expected_from_anchor = expected.inverse() * anchor.view.world_from_camera;
         let expected = chain::scaled(&expected_from_anchor, 1.0 / anchor.scale.factor());
@@ -406,7 +406,7 @@ impl Present {
 
     fn keyframe(&self, view: View, scale: Scale, refiner: Option<&Refiner>) -> Keyframe {
         let sharp = refiner.zip(self.contrast.as_deref());
-        let reference = sharp.map(|(refiner, contrast)| Arc::new(refiner.reference(contrast, &self.depth)));
+        let reference = sharp.map(|(refiner, contrast)| refiner.reference(contrast, &self.depth));
         let (luma, thumbnail, depth) = (self.luma.clone(), self.thumbnail.clone(), self.depth.clone());
         let mut keyframe = Keyframe::new(view, luma, thumbnail, depth, scale);
         keyframe.reference = reference;

@@ -101,7 +101,7 @@ impl MotionNetwork {
     /// As [`Self::seen_by_device`], by a plan for snippets.
     fn seen_by_plan(plan: &mut MotionPlan, target: &Image, sources: &[&Image]) -> (Vec<[f64; 6]>, Option<Vec<f32>>) {
         let pictures = std::iter::once(target).chain(sources.iter().copied());
-        let motions = plan.motion(&pictures.flat_map(network_values).collect::<Vec<f32>>());
+        let motions = plan.motion(&pictures.map(network_values).collect::<Vec<_>>().concat());
         let area = target.size().area();
         (motions, plan.mask().map(|mask| mask[mask.len() - area..].to_vec()))
     }

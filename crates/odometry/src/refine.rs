@@ -16,6 +16,10 @@ use endoscape_frames::preprocess::{contrast, resize};
 /// Pixels that are compared.
 const POINTS: usize = 800;
 
+/// Standard deviation of the depth network's answers as a share of them: the error on pictures it has not seen, after
+/// scaling (docs/results.md).
+const DEPTH_DOUBT: f64 = 0.15;
+
 /// Standard deviation of local contrast between two views of one place, grey levels.
 const NOISE: f64 = 6.0;
 
@@ -77,20 +81,23 @@ impl Refiner {
     /// The points of a frame that others are compared with; `depth` covers the whole picture at any size, in any unit.
     pub fn reference(&self, frame: &Contrast, depth: &Grid<f32>) -> Reference {
         let depth = stretched(depth, self.size());
-        Reference::of_depth(&frame.pyramid, &self.lenses, (&depth, Some(&frame.matt)), POINTS)
+        Reference::of_depth((&frame.pyramid, &self.lenses), (&depth, DEPTH_DOUBT), Some(&frame.matt), POINTS)
     }
 
     /// Motion from a reference to the current picture, translation in the unit of the reference's depth, found near one
     /// of `guesses`: the one after which both pictures correlate best.
     ///
+    /// The pictures then say how deep the reference's points are, so that every picture makes the next motion better.
     /// `None` where they do not say: too little texture, too little in view, or no agreement.
-    pub fn refined(&self, reference: &Reference, current: &Contrast, guesses: &[Pose]) -> Option<Pose> {
+    pub fn refined(&self, reference: &mut Reference, current: &Contrast, guesses: &[Pose]) -> Option<Pose> {
         let aligned = |guess: &Pose| {
             let guess = Alignment::guess(*guess, Brightness::default());
             reference.align(&current.pyramid, &self.lenses, &guess, NOISE)
         };
         let trusted = guesses.iter().filter_map(aligned).filter(is_trusted);
-        Some(trusted.max_by(|a, b| a.correlation.total_cmp(&b.correlation))?.current_from_reference)
+        let best = trusted.max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
+        reference.observe(&current.pyramid, &self.lenses, &best, NOISE);
+        Some(best.current_from_reference)
     }
 }
 

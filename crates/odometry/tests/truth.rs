@@ -186,9 +186,9 @@ fn pictures_bring_pixels_together_from_a_poor_guess() {
     let world = World::new(13, 0.02, |_| 1.0);
     let refiner = Refiner::new(&world.camera).unwrap();
     let pictures = [0, 12].map(|index: usize| refiner.contrast(&world.images[index]).unwrap());
-    let reference = refiner.reference(&pictures[0], world.depths[0].grid());
+    let mut reference = refiner.reference(&pictures[0], world.depths[0].grid());
     let truth = world.poses[12].inverse() * world.poses[0];
-    let found = refiner.refined(&reference, &pictures[1], &[Pose::identity()]);
+    let found = refiner.refined(&mut reference, &pictures[1], &[Pose::identity()]);
     let distance = |motion: &Pose| {
         let place = |motion: &Pose, x: usize, y: usize| {
             let depth = f64::from(world.depths[0].get(x, y).unwrap());
@@ -211,8 +211,8 @@ fn pictures_of_something_else_are_refused() {
     let refiner = Refiner::new(&world.camera).unwrap();
     let known = refiner.contrast(&world.images[0]).unwrap();
     let other = refiner.contrast(&Image::from_fn(SIZE, noise)).unwrap();
-    let reference = refiner.reference(&known, world.depths[0].grid());
-    let found = refiner.refined(&reference, &other, &[Pose::identity()]);
+    let mut reference = refiner.reference(&known, world.depths[0].grid());
+    let found = refiner.refined(&mut reference, &other, &[Pose::identity()]);
     assert!(found.is_none(), "{found:?}");
 }
 

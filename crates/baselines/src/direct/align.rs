@@ -7,6 +7,7 @@
 use super::lens::Lens;
 use super::point::{InverseDepth, Point};
 use super::pyramid::{Lenses, Level, Pyramid, at_level};
+use super::search::Target;
 use crate::least_squares::{self, NormalEquations, Problem, Stop};
 use endoscape_core::{Camera, CameraError, Grid, Image, Pose, se3};
 use nalgebra::{Matrix6, SVector, Vector2, Vector3, Vector6};
@@ -119,8 +120,9 @@ impl LevelProblem<'_> {
         let rho = point.inverse_depth.mean;
         let t = state.motion.translation.vector;
         let q = state.motion.rotation * point.ray + t * rho;
-        let sample = self.current.sample(&self.lens.project(&q)?)?;
-        let by_q = self.lens.derivative(&q)?.tr_mul(&sample.gradient);
+        let (pixel, pixel_by_q) = self.lens.linearise(&q)?;
+        let sample = self.current.sample(&pixel)?;
+        let by_q = pixel_by_q.tr_mul(&sample.gradient);
         let by_rotation = q.cross(&by_q);
         let gained = state.brightness.log_gain.exp() * reference;
         let derivative = SVector::from([
@@ -208,18 +210,19 @@ impl Reference {
 
     /// About `count` points of a picture whose depth is given, at its full size.
     ///
-    /// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or without depth (not above 0) have none.
+    /// `doubt` is the standard deviation of depth as a share of it; `weights`, 0 to 1 per pixel, scales the say of each.
+    /// Pixels of weight 0 or without depth (not above 0) have none.
     pub fn of_depth(
-        pyramid: &Pyramid,
-        lenses: &Lenses,
-        (depth, weights): (&Grid<f32>, Option<&Grid<f32>>),
+        (pyramid, lenses): (&Pyramid, &Lenses),
+        (depth, doubt): (&Grid<f32>, f64),
+        weights: Option<&Grid<f32>>,
         count: usize,
     ) -> Self {
         let point = |(x, y): (usize, usize)| {
             let depth = depth.get(x, y).copied().filter(|depth| *depth > 0.0 && depth.is_finite())?;
             let weight = weights.map_or(1.0, |weights| f64::from(*weights.get(x, y).unwrap_or(&0.0)));
             let mean = 1.0 / f64::from(depth);
-            let known = InverseDepth { mean, variance: (DEPTH_SHARE * mean).powi(2) };
+            let known = InverseDepth { mean, variance: (doubt * mean).powi(2) };
             let point = Point::new(pyramid.level(0), lenses.level(0), Vector2::new(x as f64, y as f64), known)?;
             (weight > 0.0).then_some(Point { weight, ..point })
         };
@@ -236,6 +239,17 @@ impl Reference {
         for level in &mut self.brightness {
             let mut flags = kept.iter();
             level.retain(|_| flags.next().is_some_and(|kept| *kept));
+        }
+    }
+
+    /// Lets a picture whose motion is known say how deep the points are; those that it shows too little moved, or not
+    /// clearly, stay as they are.
+    pub fn observe(&mut self, current: &Pyramid, lenses: &Lenses, alignment: &Alignment, noise: f64) {
+        let (level, lens) = (current.level(0), lenses.level(0));
+        let (motion, brightness) = (alignment.current_from_reference, alignment.brightness);
+        let target = Target { level, lens, motion, brightness, noise };
+        for point in &mut self.points {
+            point.observe(target.search(point));
         }
     }
 
@@ -310,7 +324,8 @@ pub fn align(
 ) -> Result<Option<Alignment>, CameraError> {
     let (image, depth, weights) = reference;
     let lenses = Lenses::new(camera, 6)?;
-    let reference = Reference::of_depth(&Pyramid::new(image, None, &lenses), &lenses, (depth, weights), count);
+    let pyramid = Pyramid::new(image, None, &lenses);
+    let reference = Reference::of_depth((&pyramid, &lenses), (depth, DEPTH_DOUBT), weights, count);
     let current = Pyramid::new(current, None, &lenses);
     let guess = Alignment::guess(*guess, Brightness::default());
     Ok(reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE))
@@ -319,8 +334,8 @@ pub fn align(
 /// Points of given depth that are enough for a coarse level.
 const COARSE_POINTS: usize = 200;
 
-/// Standard deviation of a given depth as a share of it: estimated depths are rarely better.
-const DEPTH_SHARE: f64 = 0.02;
+/// Standard deviation of a depth given to [`align`], as a share of it.
+const DEPTH_DOUBT: f64 = 0.02;
 
 /// The point at inverse depth `rho` on a ray, moved and multiplied by `rho`.
 pub fn moved_ray(motion: &Pose, ray: &Vector3<f64>, rho: f64) -> Vector3<f64> {

@@ -125,10 +125,8 @@ impl Keyframe {
     /// Searches every point in another view and gives up those that are never found.
     pub fn observe(&mut self, other: &View, lenses: &Lenses, noise: f64) {
         let (motion, brightness) = self.view.to(other);
-        let target = Target { level: other.pyramid.level(0), lens: lenses.level(0), motion, brightness, noise };
-        for point in &mut self.reference.points {
-            point.observe(target.search(point));
-        }
+        let alignment = Alignment::guess(motion, brightness);
+        self.reference.observe(&other.pyramid, lenses, &alignment, noise);
         self.reference.retain_points(|point| point.missed < GIVE_UP);
     }
 

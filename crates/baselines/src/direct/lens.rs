@@ -25,9 +25,9 @@ impl Lens {
         self.camera.project(&Point3::from(*point)).map(|pixel| pixel.coords)
     }
 
-    /// Derivative of [`Lens::project`] by the point.
-    pub fn derivative(&self, point: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
-        self.camera.project_derivative(&Point3::from(*point))
+    /// [`Lens::project`] with its derivative by the point.
+    pub fn linearise(&self, point: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        self.camera.project_with_derivative(&Point3::from(*point)).map(|(pixel, by_point)| (pixel.coords, by_point))
     }
 
     /// The ray of a pixel, of depth 1 along the optical axis.

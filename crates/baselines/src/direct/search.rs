@@ -68,9 +68,10 @@ impl Target<'_> {
         let (mut squares, mut slope, mut information) = (0.0, 0.0, 0.0);
         for (ray, brightness) in point.rays.iter().zip(point.brightness) {
             let q = moved_ray(&self.motion, ray, rho);
-            let sample = self.level.sample(&self.lens.project(&q)?)?;
+            let (pixel, pixel_by_q) = self.lens.linearise(&q)?;
+            let sample = self.level.sample(&pixel)?;
             let residual = sample.value - self.brightness.apply(brightness);
-            let by_rho = self.lens.derivative(&q)?.tr_mul(&sample.gradient).dot(&self.motion.translation.vector);
+            let by_rho = pixel_by_q.tr_mul(&sample.gradient).dot(&self.motion.translation.vector);
             squares += residual * residual;
             slope += by_rho * residual;
             information += by_rho * by_rho;
@@ -81,7 +82,7 @@ impl Target<'_> {
     /// Pixels the point moves per unit of inverse depth.
     fn speed(&self, point: &Point, rho: f64) -> Option<f64> {
         let q = moved_ray(&self.motion, &point.ray, rho);
-        Some((self.lens.derivative(&q)? * self.motion.translation.vector).norm())
+        Some((self.lens.linearise(&q)?.1 * self.motion.translation.vector).norm())
     }
 
     /// Whether a point looks the same at the depth it is believed to have.

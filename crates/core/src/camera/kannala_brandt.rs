@@ -1,7 +1,7 @@
 //! OpenCV's fisheye model.
 
 use super::domain::invert_monotone;
-use super::{CameraError, Intrinsics, Projection, finite, radial_derivative};
+use super::{CameraError, Intrinsics, Projection, finite, radial};
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -41,11 +41,12 @@ impl Projection for KannalaBrandt {
         self.intrinsics.pixel(direction * radius)
     }
 
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let theta = point.xy().norm().atan2(point.z);
         let t2 = theta * theta;
         let slope = 1.0 + t2 * (3.0 * self.k1 + t2 * (5.0 * self.k2 + t2 * (7.0 * self.k3 + t2 * 9.0 * self.k4)));
-        self.intrinsics.stretch() * radial_derivative(point, self.radius(theta), slope)
+        let (plane, derivative) = radial(point, self.radius(theta), slope);
+        (self.intrinsics.pixel(plane), self.intrinsics.stretch() * derivative)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

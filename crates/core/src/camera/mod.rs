@@ -94,8 +94,8 @@ trait Projection {
     fn widest_rad(&self) -> f64;
     /// Pixel of a point inside the domain.
     fn project(&self, point: &Vector3<f64>) -> Vector2<f64>;
-    /// Derivative of the pixel by the point, inside the domain.
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64>;
+    /// The same with its derivative by the point.
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>);
     /// Direction (any length) imaged at a pixel, `None` if no direction within `widest` is.
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>>;
     /// Replaces pixel coordinates `p` by `scale * p + shift`, component by component.
@@ -232,10 +232,14 @@ impl Camera {
         (pixel.x.is_finite() && pixel.y.is_finite()).then(|| Point2::from(pixel))
     }
 
-    /// Derivative of [`Camera::project`] by the point, pixels per unit of length; `None` where that is.
-    pub fn project_derivative(&self, point_in_camera: &Point3<f64>) -> Option<Matrix2x3<f64>> {
+    /// [`Camera::project`] with its derivative by the point, pixels per unit of length.
+    pub fn project_with_derivative(&self, point_in_camera: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let point = &point_in_camera.coords;
-        self.sees(point).then(|| each_model!(&self.model, inner => inner.derivative(point)))
+        if !self.sees(point) {
+            return None;
+        }
+        let (pixel, derivative) = each_model!(&self.model, inner => inner.linearise(point));
+        (pixel.x.is_finite() && pixel.y.is_finite()).then(|| (Point2::from(pixel), derivative))
     }
 
     /// Unit direction (camera frame) imaged at a pixel; the inverse of [`Camera::project`].
@@ -316,18 +320,18 @@ macro_rules! into_model {
 }
 into_model!(Pinhole, RadialTangential, KannalaBrandt, Omnidirectional, Unified);
 
-/// Derivative by the point of `radius(theta)` along the direction of `(x, y)`, `theta` being the point's angle off the
-/// axis and `slope` the derivative of the radius by it.
-fn radial_derivative(point: &Vector3<f64>, radius: f64, slope: f64) -> Matrix2x3<f64> {
+/// `radius(theta)` along the direction of `(x, y)` with its derivative by the point, `theta` being the point's angle off
+/// the axis and `slope` the derivative of the radius by it.
+fn radial(point: &Vector3<f64>, radius: f64, slope: f64) -> (Vector2<f64>, Matrix2x3<f64>) {
     let (off_axis, squared) = (point.xy().norm(), point.norm_squared());
     let Some(direction) = point.xy().try_normalize(1e-9 * squared.sqrt()) else {
         let scale = slope / point.z;
-        return Matrix2x3::new(scale, 0.0, 0.0, 0.0, scale, 0.0);
+        return (point.xy() * scale, Matrix2x3::new(scale, 0.0, 0.0, 0.0, scale, 0.0));
     };
     let (along, across) = (slope * point.z / squared, radius / off_axis);
     let by_plane = Matrix2::identity() * across + direction * direction.transpose() * (along - across);
     let by_axis = direction * (-slope * off_axis / squared);
-    Matrix2x3::from_columns(&[by_plane.column(0).into(), by_plane.column(1).into(), by_axis])
+    (direction * radius, Matrix2x3::from_columns(&[by_plane.column(0).into(), by_plane.column(1).into(), by_axis]))
 }
 
 /// Refuses the first parameter that is not finite.

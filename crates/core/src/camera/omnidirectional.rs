@@ -1,7 +1,7 @@
 //! Scaramuzza's polynomial model, the one C3VD is calibrated with.
 
 use super::domain::invert_monotone;
-use super::{CameraError, Projection, finite, radial_derivative};
+use super::{CameraError, Projection, finite, radial};
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -85,13 +85,14 @@ impl Projection for Omnidirectional {
         self.stretch() * (direction * rho) + Vector2::new(self.cx, self.cy)
     }
 
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let length = point.norm();
         let (sin, cos) = (point.xy().norm() / length, point.z / length);
         let rho = self.rho(sin, cos).unwrap_or(f64::NAN);
         // Of rho cos(theta) = height(rho) sin(theta), by theta.
         let slope = (rho * sin + self.height(rho) * cos) / (cos - sin * self.height_slope(rho));
-        self.stretch() * radial_derivative(point, rho, slope)
+        let (plane, derivative) = radial(point, rho, slope);
+        (self.stretch() * plane + Vector2::new(self.cx, self.cy), self.stretch() * derivative)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

@@ -93,8 +93,8 @@ impl Projection for Pinhole {
         self.intrinsics.pixel(point.xy() / point.z)
     }
 
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
-        self.intrinsics.stretch() * plane_derivative(point)
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
+        (self.project(point), self.intrinsics.stretch() * plane_derivative(point))
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, _widest_rad: f64) -> Option<Vector3<f64>> {

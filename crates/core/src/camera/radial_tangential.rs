@@ -103,9 +103,9 @@ impl Projection for RadialTangential {
         self.intrinsics.pixel(self.distort(point.xy() / point.z))
     }
 
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let distortion = self.distort_derivative(point.xy() / point.z);
-        self.intrinsics.stretch() * distortion * plane_derivative(point)
+        (self.project(point), self.intrinsics.stretch() * distortion * plane_derivative(point))
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

@@ -79,7 +79,8 @@ proptest! {
             let point = Point3::new(x, y, z) * scale;
             let h = 1e-5 * point.coords.norm();
             let at = |axis, step: f64| camera.project(&(point + Vector3::ith(axis, step)));
-            let Some(derivative) = camera.project_derivative(&point) else { continue };
+            let Some((pixel, derivative)) = camera.project_with_derivative(&point) else { continue };
+            prop_assert!((pixel - camera.project(&point).unwrap()).norm() < 1e-9 * (1.0 + pixel.coords.norm()));
             for axis in 0..3 {
                 let (Some(before), Some(after)) = (at(axis, -h), at(axis, h)) else { continue };
                 let difference = (after - before) / (2.0 * h);

@@ -41,7 +41,7 @@ impl Projection for Unified {
         self.intrinsics.pixel(m * (1.0 + r2 * (self.k1 + r2 * self.k2)))
     }
 
-    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+    fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let (xy, distance) = (point.xy(), point.norm());
         let below = point.z + self.xi * distance;
         let m = xy / below;
@@ -50,7 +50,7 @@ impl Projection for Unified {
         let r2 = m.norm_squared();
         let radial = 1.0 + r2 * (self.k1 + r2 * self.k2);
         let distortion = Matrix2::identity() * radial + m * m.transpose() * (2.0 * self.k1 + 4.0 * self.k2 * r2);
-        self.intrinsics.stretch() * distortion * plane
+        (self.intrinsics.pixel(m * radial), self.intrinsics.stretch() * distortion * plane)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {
