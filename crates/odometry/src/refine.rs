@@ -14,7 +14,7 @@ use endoscape_frames::preprocess::specular::{self, SpecularConfig};
 use endoscape_frames::preprocess::{contrast, resize};
 
 /// Pixels that are compared.
-const POINTS: usize = 800;
+const POINTS: usize = 1200;
 
 /// Standard deviation of the depth network's answers as a share of them: the error on pictures it has not seen, after
 /// scaling (docs/results.md).

@@ -8,6 +8,7 @@ use burn::tensor::{DType, Device, Tensor};
 use common::{SIZE, batch_of, cameras, identity, noise_tensor, number, options, tensor, values};
 use endoscape_core::camera::{Intrinsics, Pinhole};
 use endoscape_core::{Camera, Size};
+use endoscape_synthesis::light::light_disagreement;
 use endoscape_synthesis::motion::{Rotation, source_from_target};
 use endoscape_synthesis::photometric::{auto_mask, minimum_over_sources, structural_distance};
 use endoscape_synthesis::pyramid::{enlarge, shrink, shrink_usable, sizes};
@@ -197,4 +198,41 @@ fn nothing_is_lost_between_equal_pictures() {
     let frozen = terms_of_equal_pictures(&ObjectiveConfig::endo());
     assert_eq!(number(frozen.coverage), 0.0, "frozen frames have nothing to teach");
     assert_eq!(number(terms_of_equal_pictures(&ObjectiveConfig::paper()).coverage), 1.0);
+}
+
+/// A tilted wall lit from the lens, with the law of `synthesis::light`, and its depth.
+fn lit_wall(camera: &Camera, exposure: f64) -> (Tensor<4>, Tensor<4>) {
+    let Size { width, height } = camera.size();
+    let normal = nalgebra::Vector3::new(0.4, -0.3, -1.0).normalize();
+    let (mut depth, mut light) = (Vec::new(), Vec::new());
+    for y in 0..height {
+        for x in 0..width {
+            let ray = camera.unproject(&nalgebra::Point2::new(x as f64, y as f64)).unwrap();
+            // The wall passes 1 in front of the lens.
+            let distance = normal.z / normal.dot(&ray);
+            depth.push(distance * ray.z);
+            let radiance = exposure * normal.dot(&ray).abs().sqrt() / (distance * distance);
+            light.push(2.0 * radiance.powf(1.0 / 2.2) - 1.0);
+        }
+    }
+    let shape = [1, 1, height, width];
+    (tensor(light, shape).expand([1, 3, height, width]), tensor(depth, shape))
+}
+
+#[test]
+fn a_wall_lit_from_the_lens_agrees_with_its_light_and_no_other_does() {
+    let size = Size::new(24, 18);
+    let camera = Camera::from_field_of_view(size, 1.4).unwrap();
+    let cameras = batch_of(&[camera], size);
+    for exposure in [0.3, 0.6] {
+        let (image, depth) = lit_wall(&camera, exposure);
+        let disagreement = |depth: Tensor<4>| number(light_disagreement(depth, image.clone(), None, &cameras));
+        let truth = disagreement(depth.clone());
+        assert!(truth < 0.01, "{truth}");
+        assert!((disagreement(depth.clone() * 37.0) - truth).abs() < 1e-6, "the unit of depth counts");
+        for wrong in [depth.ones_like(), depth.clone().recip(), depth.clone().powf_scalar(2.0)] {
+            let wrong = disagreement(wrong);
+            assert!(wrong > 10.0 * truth, "{wrong} of a wrong wall, {truth} of the true one");
+        }
+    }
 }

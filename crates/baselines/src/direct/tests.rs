@@ -1,5 +1,6 @@
 use super::*;
 use endoscape_core::{Grid, Image, MagneticReading, Size, se3};
+use endoscape_frames::preprocess::contrast::local;
 use endoscape_frames::{Sequence, formats};
 use nalgebra::{Vector2, Vector3, Vector6};
 use std::path::Path;
@@ -82,6 +83,35 @@ fn pixels_of_no_weight_have_no_say() {
     };
     let (with_m, without_m) = (error_m(Some(&weights)), error_m(None));
     assert!(with_m < 0.5 * without_m, "{with_m} m with weights, {without_m} m without");
+}
+
+#[test]
+fn pictures_of_known_motion_correct_depths() {
+    let sequence = tube();
+    let (camera, images) = (sequence.camera.unwrap(), tube_images(&sequence));
+    let truth_depth = sequence.read_depth(0).unwrap().unwrap();
+    let wrong = Grid::from_fn(truth_depth.size(), |x, y| {
+        let wave = 0.15 * (0.2 * x as f32).sin() * (0.17 * y as f32).cos();
+        truth_depth.get(x, y).unwrap_or(0.0) * (1.0 + wave)
+    });
+    let lenses = Lenses::new(&camera, 4).unwrap();
+    let pyramids: Vec<_> = images.iter().map(|image| Pyramid::new(&local(image), None, &lenses)).collect();
+    let mut reference = Reference::of_depth((&pyramids[0], &lenses), (&wrong, 0.15), None, 800);
+    let error = |reference: &Reference| {
+        let share = |point: &point::Point| {
+            let depth = truth_depth.get(point.pixel.x as usize, point.pixel.y as usize).unwrap();
+            (point.inverse_depth.mean * f64::from(depth) - 1.0).abs()
+        };
+        reference.points.iter().map(share).sum::<f64>() / reference.points.len() as f64
+    };
+    let before = error(&reference);
+    for (index, pyramid) in pyramids.iter().enumerate().skip(1) {
+        let motion = truth(&sequence, index).inverse() * truth(&sequence, 0);
+        let known = Alignment::guess(motion, Brightness::default());
+        reference.observe(pyramid, &lenses, &known, BRIGHTNESS_NOISE);
+    }
+    let after = error(&reference);
+    assert!(after < 0.65 * before, "{before} became {after}");
 }
 
 #[test]
