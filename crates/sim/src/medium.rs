@@ -18,9 +18,15 @@ const REACH: i64 = 3;
 /// The patient lies on the back: gravity points along the world's z.
 const DOWN: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);
 /// Height of the camera above the fluid as a share of the distance from which the wall is usually seen.
-const LEVEL: f64 = 0.24;
-/// Depth of fluid at which a third of the light is left, metres.
-const MURKY_M: f64 = 0.006;
+const LEVEL: f64 = 0.45;
+/// Depth of fluid at which a third of the light is left on its way down and up, metres.
+const MURKY_M: f64 = 0.008;
+/// Reflectance of water seen from straight above (Fresnel, index 1.33).
+const WATER: f64 = 0.02;
+/// What deep fluid gives back: bile with mucus, yellow-brown.
+const BILE: [f64; 3] = [0.09, 0.056, 0.02];
+/// What the still surface mirrors: mucosa lit from farther away.
+const MIRRORED: [f64; 3] = [0.09, 0.045, 0.035];
 
 /// Everything in the lumen that is not wall.
 #[derive(Clone, Debug)]
@@ -123,12 +129,14 @@ impl Medium {
         let surface_m = level_m / descent;
         let below_m = sample.distance_m - surface_m;
         let cover = 1.0 - (-below_m / MURKY_M).exp();
-        // Bile: yellow-green, lit like a wall of its own.
-        let lit = descent / (surface_m * surface_m).max(1e-8);
-        let ripple = noise(self.key.at(9), &(ray * surface_m / 0.0015 + Vector3::repeat(0.7 * time_s)));
-        let mirrored = (-descent.acos().powi(2) / 0.004 * (1.0 + 0.5 * ripple)).exp();
-        let glint = 0.5 * mirrored / (surface_m * surface_m).max(1e-8);
-        let colour = [0.105, 0.085, 0.022].map(|c| ((c * lit * (1.0 + 0.2 * ripple)) * cover + glint) as f32);
+        let nearness = 1.0 / (surface_m * surface_m).max(1e-8);
+        let ripple = noise(self.key.at(9), &(ray * surface_m / 0.004 + Vector3::repeat(0.7 * time_s)));
+        // Scattered light comes from all depths, so the surface darkens little towards grazing angles; there it mirrors.
+        let scattered = cover * descent.sqrt() * (1.0 + 0.08 * ripple);
+        let mirrors = WATER + (1.0 - WATER) * (1.0 - descent).powi(5) * (0.7 + 0.3 * ripple).max(0.0);
+        let lamps = (-descent.acos().powi(2) / 0.004 * (1.0 + 0.5 * ripple)).exp();
+        let channel = |c: usize| nearness * (BILE[c] * scattered + MIRRORED[c] * mirrors + 0.5 * lamps);
+        let colour = [channel(0) as f32, channel(1) as f32, channel(2) as f32];
         (cover as f32, colour)
     }
 }
