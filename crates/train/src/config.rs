@@ -49,6 +49,8 @@ pub struct TrainConfig {
     pub log_every: u64,
     /// Steps between two validations. Default 250.
     pub validate_every: u64,
+    /// Validations in a row without a better one after which training ends, 0 for never. Default 0.
+    pub patience: u64,
     /// Snippets of a validation, spread evenly over its clips. Default 64.
     pub validation_snippets: usize,
     /// What makes a checkpoint the best. Default photometric.
@@ -153,6 +155,7 @@ impl TrainConfig {
             gradient_norm: 10.0,
             log_every: 10,
             validate_every: 250,
+            patience: 0,
             validation_snippets: 64,
             best_by: Criterion::Photometric,
             checkpoint_seconds: 120.0,
