@@ -18,8 +18,6 @@ pub mod held_back;
 pub mod history;
 pub mod judge;
 pub mod model;
-#[cfg(test)]
-mod tests;
 
 use crate::clip::Clip;
 use crate::config::TrainConfig;
@@ -41,7 +39,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The file with the settings of the training, beside the weights.
-pub(crate) const TRAINING: &str = "training.toml";
+pub const TRAINING: &str = "training.toml";
 
 /// A new video at the training size.
 pub struct NewVideo {

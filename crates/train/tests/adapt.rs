@@ -1,15 +1,34 @@
-use super::*;
-use crate::config::Preset;
-use crate::testing::sliding_clip;
-use endoscape_core::event::NullSink;
-use endoscape_nets::NetsConfig;
+//! Adapting: never worse, better where there is something to learn, and a record of it.
 
-/// Networks for pictures of 96x64 that learn something within a few steps.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
+mod common;
+
+use burn::tensor::Device;
+use common::{SIZE, room_clip};
+use endoscape_core::event::NullSink;
+use endoscape_core::{Event, EventSink};
+use endoscape_nets::{Checkpoint, NetsConfig};
+use endoscape_train::adapt::TRAINING;
+use endoscape_train::adapt::history::History;
+use endoscape_train::clip::Clip;
+use endoscape_train::gap::GapConfig;
+use endoscape_train::{AdaptJob, GivenModel, NewVideo, TrainConfig, TrainError, adapt};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Small networks that learn something of the room within a few steps.
 fn config() -> TrainConfig {
     let mut nets = NetsConfig::fast();
     nets.disp = nets.disp.with_width(0.25);
     nets.pose = nets.pose.with_width(0.25);
-    TrainConfig { width: 96, height: 64, batch: 2, learning_rate: 2e-3, nets, ..TrainConfig::preset(Preset::Fast) }
+    let (width, height, gap) = (SIZE.width, SIZE.height, GapConfig { fixed: 1, ..GapConfig::default() });
+    TrainConfig { width, height, batch: 2, learning_rate: 2e-3, gap, nets, ..TrainConfig::fast() }
 }
 
 /// An untrained model in a folder.
@@ -17,14 +36,13 @@ fn model(folder: &Path) -> PathBuf {
     let path = folder.join("given");
     let mut checkpoint = Checkpoint::init(config().nets, 0, &Device::flex()).unwrap();
     checkpoint.manifest.input = Some(config().trained_input());
-    let settings = |folder: &Path| write_whole(&folder.join(TRAINING), config().to_toml().unwrap().as_bytes());
-    checkpoint.save_with(&path, settings).unwrap();
+    checkpoint.save(&path).unwrap();
+    fs::write(path.join(TRAINING), config().to_toml().unwrap()).unwrap();
     path
 }
 
-fn video(name: &str, frames: usize, pixels_per_frame: f64) -> NewVideo {
-    let clip = sliding_clip(frames, pixels_per_frame);
-    let clip = Clip { name: name.into(), fingerprint: format!("sha256:{name}"), ..clip };
+fn video(name: &str, frames: usize) -> NewVideo {
+    let clip = Clip { name: name.into(), fingerprint: format!("sha256:{name}"), ..room_clip(frames) };
     NewVideo { clip, seconds: Some(1.5) }
 }
 
@@ -51,7 +69,7 @@ fn weights(folder: &Path) -> Vec<u8> {
 fn a_lively_video_makes_a_better_model_and_the_record_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let (given, out) = (model(folder.path()), folder.path().join("out"));
-    let adapted = adapt(job(&given, vec![video("monday", 40, 2.5)]), &out, &mut NullSink).unwrap();
+    let adapted = adapt(job(&given, vec![video("monday", 40)]), &out, &mut NullSink).unwrap();
     let record = adapted.record.clone().unwrap();
     assert!(adapted.improved && record.improved, "{adapted:?}");
     assert!(record.after["error"] < record.before["error"]);
@@ -64,11 +82,29 @@ fn a_lively_video_makes_a_better_model_and_the_record_says_so() {
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "the work folder was left behind");
 }
 
+/// Frames that repeat one picture of the room, as a camera that stands shows them.
+fn static_video() -> NewVideo {
+    let mut video = video("static", 24);
+    let picture = video.clip.frames[0].image.clone();
+    video.clip.frames.iter_mut().for_each(|frame| frame.image = picture.clone());
+    video
+}
+
+#[test]
+fn a_camera_that_stands_teaches_to_stand_and_flattens_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (given, out) = (model(folder.path()), folder.path().join("out"));
+    let adapted = adapt(job(&given, vec![static_video()]), &out, &mut NullSink).unwrap();
+    let record = adapted.record.unwrap();
+    assert!(record.after["error"] <= record.before["error"]);
+    assert!(record.after["depth_spread"] >= 0.5 * record.before["depth_spread"], "{record:?}");
+}
+
 #[test]
 fn a_learning_that_runs_away_gives_the_given_weights_back() {
     let folder = tempfile::tempdir().unwrap();
     let (given, out) = (model(folder.path()), folder.path().join("out"));
-    let mut wild = job(&given, vec![video("monday", 40, 2.5)]);
+    let mut wild = job(&given, vec![video("monday", 40)]);
     (wild.config.learning_rate, wild.config.gradient_norm, wild.config.warmup) = (1.0, 0.0, 0);
     let adapted = adapt(wild, &out, &mut NullSink).unwrap();
     assert!(!adapted.improved && adapted.sentence.contains("kept unchanged"), "{adapted:?}");
@@ -83,7 +119,7 @@ fn the_record_accumulates_and_known_videos_are_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let (given, first, second) = (model(folder.path()), folder.path().join("first"), folder.path().join("second"));
     let short = |given: &Path, names: &[&str]| {
-        let mut job = job(given, names.iter().map(|name| video(name, 30, 2.5)).collect());
+        let mut job = job(given, names.iter().map(|name| video(name, 30)).collect());
         job.config.steps = 4;
         job
     };
@@ -102,26 +138,35 @@ fn the_record_accumulates_and_known_videos_are_left_out() {
     assert_eq!(adapt(again, &third, &mut NullSink).unwrap().adaptations, 3);
 }
 
+/// Stops listening, as a user does who closes the lid, once a number of candidates has been scored.
+struct Impatient(u32);
+
+impl EventSink for Impatient {
+    fn event(&mut self, event: Event) {
+        if matches!(event, Event::Measured { name, .. } if name == "validation_photometric") {
+            self.0 -= 1;
+            assert!(self.0 > 0, "closed");
+        }
+    }
+}
+
 #[test]
 fn an_interrupted_adaptation_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let (given, whole, parts) = (model(folder.path()), folder.path().join("whole"), folder.path().join("parts"));
     let job = || {
-        let mut job = job(&given, vec![video("monday", 40, 2.5)]);
-        job.config.decay = crate::schedule::Decay::Constant;
+        let mut job = job(&given, vec![video("monday", 40)]);
+        (job.config.checkpoint_seconds, job.config.log_every) = (0.0, 1);
         job
     };
     adapt(job(), &whole, &mut NullSink).unwrap();
-    // A first sitting that never comes to its conclusion.
-    let mut early = job();
-    early.config.steps = 20;
-    let round = Round::prepare(early, &parts, &mut NullSink).unwrap();
-    round.learn(&mut NullSink).unwrap();
-    let run = RunFolder::open(round.run.root()).unwrap();
-    run.describe(&job().config, &run.manifest().unwrap()).unwrap();
-    let round = Round::prepare(job(), &parts, &mut NullSink).unwrap();
-    assert!(round.goes_on);
-    adapt(job(), &parts, &mut NullSink).unwrap();
+    let sitting = || adapt(job(), &parts, &mut Impatient(3));
+    assert!(std::panic::catch_unwind(sitting).is_err(), "it was not interrupted");
+    assert!(!parts.exists(), "half a result");
+    let mut events = Vec::new();
+    adapt(job(), &parts, &mut events).unwrap();
+    let first = events.iter().find_map(|event| if let Event::Advanced { done } = event { Some(*done) } else { None });
+    assert!(first > Some(20), "it began anew: {first:?}");
     assert!(weights(&whole) == weights(&parts), "the weights differ");
 }
 
@@ -131,10 +176,10 @@ fn places_that_would_cost_somebody_something_are_refused() {
     let given = model(folder.path());
     let before = weights(&given);
     let refused =
-        |out: &Path| adapt(job(&given, vec![video("monday", 30, 2.5)]), out, &mut NullSink).unwrap_err().to_string();
-    assert!(refused(&given).contains("is the given model"));
+        |out: &Path| adapt(job(&given, vec![video("monday", 30)]), out, &mut NullSink).unwrap_err().to_string();
+    assert!(refused(&given).to_string().contains("is the given model"));
     fs::write(folder.path().join("mine.txt"), "mine").unwrap();
-    assert!(refused(folder.path()).contains("is not a checkpoint"));
+    assert!(refused(folder.path()).to_string().contains("is not a checkpoint"));
     assert!(weights(&given) == before);
 }
 
