@@ -52,8 +52,8 @@ fn a_folder_of_sequences_is_taken_apart() {
         common::copy(tube(), folder.path(name));
     }
     folder.file("day/notes.txt", "nothing to see");
-    let (model, day, out) = (model(), folder.path("day"), folder.path("out"));
-    let arguments = [words(&model, &day, &out, "2"), vec!["--mix", &tube()]].concat();
+    let (model, tube, day, out) = (model(), tube(), folder.path("day"), folder.path("out"));
+    let arguments = [words(&model, &day, &out, "2"), vec!["--mix", &tube]].concat();
     let summary = json(&arguments);
     assert_eq!(summary["record"]["videos"].as_array().unwrap().len(), 2, "{summary}");
 }

@@ -24,6 +24,8 @@ pub struct Drawn<'a> {
     pub frames: Vec<&'a ClipFrame>,
     /// Their camera.
     pub camera: &'a Camera,
+    /// Whether it stands still, whatever moves before it.
+    pub stands: bool,
 }
 
 /// All snippets of a set of clips of one size.
@@ -132,7 +134,7 @@ impl SnippetDataset {
     pub fn draw(&self, index: usize, rng: &mut impl Rng) -> Drawn<'_> {
         let Snippet { clip, target } = &self.snippets[index];
         let gap = target.gaps.choose(rng).copied().unwrap_or(1);
-        self.frames_at(*clip, target.frame, gap)
+        self.frames_at(*clip, target, gap)
     }
 
     /// The frames of a snippet at its smallest gap.
@@ -141,12 +143,13 @@ impl SnippetDataset {
     /// If there is no such snippet.
     pub fn plain(&self, index: usize) -> Drawn<'_> {
         let Snippet { clip, target } = &self.snippets[index];
-        self.frames_at(*clip, target.frame, target.gaps[0])
+        self.frames_at(*clip, target, target.gaps[0])
     }
 
-    fn frames_at(&self, clip: usize, target: usize, gap: usize) -> Drawn<'_> {
+    fn frames_at(&self, clip: usize, target: &Target, gap: usize) -> Drawn<'_> {
         let clip = &self.clips[clip];
-        Drawn { frames: snippet_frames(clip, target, gap, self.length).unwrap_or_default(), camera: &clip.camera }
+        let frames = snippet_frames(clip, target.frame, gap, self.length).unwrap_or_default();
+        Drawn { frames, camera: &clip.camera, stands: target.stands }
     }
 }
 
@@ -181,6 +184,8 @@ pub struct Item {
     pub frames: Vec<AugmentedFrame>,
     /// The camera of all frames.
     pub camera: Camera,
+    /// Whether it stands still.
+    pub stands: bool,
 }
 
 impl DrawPlan {
@@ -202,7 +207,7 @@ impl DrawPlan {
         let mut rng = stream(self.seed, ITEMS + number);
         let drawn = dataset.draw(index, &mut rng);
         let (frames, camera) = augment(&drawn.frames, drawn.camera, &self.augment, &mut rng)?;
-        Ok(Item { frames, camera })
+        Ok(Item { frames, camera, stands: drawn.stands })
     }
 
     fn order(&self, count: usize, epoch: u64) -> Vec<usize> {

@@ -28,8 +28,8 @@ pub struct GapConfig {
     pub least: f64,
     /// Largest such displacement; every gap between both is used. Default 0.04.
     pub most: f64,
-    /// Whether frames around which the picture hardly moves are used too, at every gap: they teach nothing about depth,
-    /// but that standing still is a motion. Default off; on in `adapt`.
+    /// Whether frames around which the picture hardly moves or the camera stands are used too, at every gap: they teach
+    /// nothing about depth, but that standing still is a motion. Default off; on in `adapt`.
     pub still: bool,
 }
 
@@ -89,14 +89,10 @@ pub fn choose(clip: &Clip, length: usize, config: &GapConfig) -> Targets {
     let fits = |frame: usize, gap: usize| frame >= side * gap && frame + side * gap < count;
     let thumbnails: Vec<Thumbnail> =
         clip.frames.par_iter().map(|frame| Thumbnail::new(&frame.image, &frame.usable)).collect();
-    let target = |frame: usize, gaps: Vec<usize>| {
-        let stands = stands(&thumbnails, frame, gaps[0], config);
-        Target { frame, gaps, stands }
-    };
     if config.fixed > 0 {
         let frames = (0..count).filter(|frame| fits(*frame, config.fixed));
         return Targets {
-            targets: frames.map(|frame| target(frame, vec![config.fixed])).collect(),
+            targets: frames.map(|frame| target(&thumbnails, frame, vec![config.fixed], config)).collect(),
             ..Targets::default()
         };
     }
@@ -110,21 +106,32 @@ pub fn choose(clip: &Clip, length: usize, config: &GapConfig) -> Targets {
             }
             Gaps::Still => {
                 chosen.still += 1;
-                if config.still { LADDER.into() } else { Vec::new() }
+                if config.still { LADDER.into() } else { continue }
             }
             Gaps::Found(gaps) => gaps,
         };
-        let gaps: Vec<usize> = gaps.into_iter().filter(|gap| fits(frame, *gap)).collect();
-        if !gaps.is_empty() {
-            chosen.targets.push(target(frame, gaps));
+        let mut target = target(&thumbnails, frame, gaps, config);
+        target.gaps.retain(|gap| fits(frame, *gap));
+        if !target.gaps.is_empty() {
+            chosen.targets.push(target);
         }
     }
     chosen
 }
 
-/// Whether the camera has stood still from a frame to the one `gap` later.
+/// A target with its gaps; where the camera stands and such frames are wanted, with all the smaller ones too.
+fn target(thumbnails: &[Thumbnail], frame: usize, gaps: Vec<usize>, config: &GapConfig) -> Target {
+    let stands = stands(thumbnails, frame, gaps[0], config);
+    let largest = gaps[gaps.len() - 1];
+    let all = || LADDER.into_iter().filter(|gap| *gap <= largest).collect();
+    let gaps = if stands && config.still && config.fixed == 0 { all() } else { gaps };
+    Target { frame, gaps, stands }
+}
+
+/// Whether the camera has stood still from a frame to the one `gap` later, or earlier at the end of the clip.
 fn stands(thumbnails: &[Thumbnail], frame: usize, gap: usize, config: &GapConfig) -> bool {
-    let quarter = thumbnails.get(frame + gap).and_then(|other| displacement_at(&thumbnails[frame], other, 0.25));
+    let other = if frame + gap < thumbnails.len() { Some(frame + gap) } else { frame.checked_sub(gap) };
+    let quarter = other.and_then(|other| displacement_at(&thumbnails[frame], &thumbnails[other], 0.25));
     quarter.is_some_and(|moved| moved < STANDING * config.least)
 }
 

@@ -10,7 +10,7 @@ use crate::config::{Criterion, TrainConfig};
 use crate::dataset::{DrawPlan, SnippetDataset};
 use crate::error::TrainError;
 use crate::loader::{Loader, LoaderPlan};
-use crate::model::Output;
+use crate::model::{Output, standing_motion};
 use crate::optimizer::limit_gradient;
 use crate::run_folder::{RunFolder, RunManifest, Table};
 use crate::schedule::warmup_factor;
@@ -300,7 +300,11 @@ impl<'a> Session<'a> {
         let model = self.state.model.clone();
         let output = model.predict(batch, self.config.with_source_depth());
         let terms = objective(&batch.views, &output.prediction, &self.config.objective);
-        let mut gradients = GradientsParams::from_grads(terms.total.backward(), &model);
+        let mut total = terms.total.clone();
+        if self.config.standing_weight > 0.0 {
+            total = total + standing_motion(output.motion.clone(), batch.stands.clone()) * self.config.standing_weight;
+        }
+        let mut gradients = GradientsParams::from_grads(total.backward(), &model);
         if self.config.gradient_norm > 0.0 {
             gradients = limit_gradient(gradients, &model, self.config.gradient_norm);
         }

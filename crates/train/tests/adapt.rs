@@ -18,17 +18,17 @@ use endoscape_train::adapt::TRAINING;
 use endoscape_train::adapt::history::History;
 use endoscape_train::clip::Clip;
 use endoscape_train::gap::GapConfig;
-use endoscape_train::{AdaptJob, GivenModel, NewVideo, TrainConfig, TrainError, adapt};
+use endoscape_train::{AdaptJob, GivenModel, NewVideo, TrainConfig, adapt};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Small networks that learn something of the room within a few steps.
 fn config() -> TrainConfig {
     let mut nets = NetsConfig::fast();
-    nets.disp = nets.disp.with_width(0.25);
-    nets.pose = nets.pose.with_width(0.25);
+    nets.disp = nets.disp.with_width(0.1);
+    nets.pose = nets.pose.with_width(0.2);
     let (width, height, gap) = (SIZE.width, SIZE.height, GapConfig { fixed: 1, ..GapConfig::default() });
-    TrainConfig { width, height, batch: 2, learning_rate: 2e-3, gap, nets, ..TrainConfig::fast() }
+    TrainConfig { width, height, batch: 2, validation_snippets: 4, gap, nets, ..TrainConfig::fast() }
 }
 
 /// An untrained model in a folder.

@@ -1,9 +1,11 @@
 //! When a candidate may take the place of the given model.
 //!
 //! Both are scored on the frames held back by what the training minimises: how well one picture is painted from another,
-//! and how well depth agrees with brightness. Either could be had cheaply, so a candidate must
+//! how well depth agrees with brightness, and how much motion is seen where the camera stands. Any could be had cheaply, so a
+//! candidate must
 //!
-//! - be better in the sum and worse in neither part;
+//! - be better in the sum and worse in no part (a camera that stands before moving tissue may paint it worse, as motion that
+//!   is none can explain it);
 //! - pay for pixels that its motion throws out of view what they cost when nothing moves ([`Scores::synthesis_error`]);
 //! - explain a picture that moves better than a camera that stands still does, or it has learned not to move;
 //! - keep at least half of the given model's relief, or its depth has become flat.
@@ -27,6 +29,7 @@ const LEAST_RELIEF: f64 = 0.5;
 pub struct Judge {
     given: Scores,
     light_weight: f64,
+    standing_weight: f64,
     moves: bool,
 }
 
@@ -34,7 +37,8 @@ impl Judge {
     /// For candidates that come from a model with the scores `given`, on frames of which a share shows a camera that
     /// stands still.
     pub fn new(given: Scores, config: &TrainConfig, standing_share: f64) -> Self {
-        Self { given, light_weight: config.objective.light_weight, moves: standing_share <= MOSTLY }
+        let (light_weight, standing_weight) = (config.objective.light_weight, config.standing_weight);
+        Self { given, light_weight, standing_weight, moves: standing_share <= MOSTLY }
     }
 
     /// The scores of the given model.
@@ -42,20 +46,24 @@ impl Judge {
         &self.given
     }
 
-    /// What decides, smaller is better: the error over all usable pixels and the light term by its weight.
+    /// What decides, smaller is better: the error over all usable pixels, and light term and standing motion by their
+    /// weights.
     pub fn error(&self, scores: &Scores) -> f64 {
-        scores.synthesis_error() + self.light_weight * scores.light.unwrap_or(0.0)
+        scores.synthesis_error()
+            + self.light_weight * scores.light.unwrap_or(0.0)
+            + self.standing_weight * scores.standing_motion
     }
 
     /// [`Judge::error`] of a candidate that may take the given model's place; `None` for any other.
     pub fn admits(&self, scores: &Scores) -> Option<f64> {
-        let (error, synthesis) = (self.error(scores), scores.synthesis_error());
-        let is_better = error.is_finite() && error < self.error(&self.given);
-        let in_neither_worse = synthesis <= self.given.synthesis_error() && scores.light <= self.given.light;
+        let (error, synthesis, given) = (self.error(scores), scores.synthesis_error(), &self.given);
+        let is_better = error.is_finite() && error < self.error(given);
+        let paints_as_well = !self.moves || synthesis <= given.synthesis_error();
+        let is_as_good = paints_as_well && scores.light <= given.light;
         let explains_motion = !self.moves || synthesis < (1.0 - LEAST_GAIN) * scores.still_photometric;
         let has_relief = scores.depth_spread >= LEAST_RELIEF * self.given.depth_spread;
         let looks = scores.coverage >= LEAST_COVERAGE;
-        (is_better && in_neither_worse && explains_motion && has_relief && looks).then_some(error)
+        (is_better && is_as_good && explains_motion && has_relief && looks).then_some(error)
     }
 
     /// The figures of a model as the record has them, with the deciding one as `error`.
@@ -77,6 +85,7 @@ mod tests {
         still_photometric: 0.5,
         still_coverage: 0.95,
         depth_spread: 0.4,
+        standing_motion: 0.0,
         depth_abs_rel: None,
         depth_d1: None,
         ate_m: None,

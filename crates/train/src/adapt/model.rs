@@ -21,7 +21,9 @@ const CANDIDATE_EVERY: u64 = 50;
 /// Candidates in a row without a better one after which it is over.
 const PATIENCE: u64 = 6;
 /// Seconds between two states to go on from.
-const CHECKPOINT_SECONDS: f64 = 30.0;
+const CHECKPOINT_SECONDS: f64 = 10.0;
+/// See [`TrainConfig::standing_weight`].
+const STANDING_WEIGHT: f64 = 10.0;
 
 /// A checkpoint and what is known about it.
 pub struct GivenModel {
@@ -66,7 +68,7 @@ impl GivenModel {
         (config.warmup, config.decay) = (CANDIDATE_EVERY, Decay::Cosine);
         (config.validate_every, config.patience) = (CANDIDATE_EVERY, PATIENCE);
         config.checkpoint_seconds = CHECKPOINT_SECONDS;
-        config.gap.still = true;
+        (config.gap.still, config.standing_weight) = (true, STANDING_WEIGHT);
         config.objective.auto_mask = false;
         config
     }

@@ -10,7 +10,7 @@ use crate::collapse::VitalSigns;
 use crate::config::TrainConfig;
 use crate::dataset::{Drawn, Item, SnippetDataset, spread};
 use crate::error::TrainError;
-use crate::model::DepthMotionModel;
+use crate::model::{DepthMotionModel, standing_motion};
 use burn::tensor::{Device, Tensor};
 use depth::{DepthScore, score_depth};
 use endoscape_synthesis::{ObjectiveConfig, Prediction, objective, source_from_target};
@@ -36,6 +36,8 @@ pub struct Scores {
     pub still_coverage: f64,
     /// See [`VitalSigns::depth_spread`].
     pub depth_spread: f64,
+    /// See [`standing_motion`].
+    pub standing_motion: f64,
     /// Mean absolute relative depth error after median scaling per picture.
     pub depth_abs_rel: Option<f64>,
     /// Share of pixels whose depth is within 25 %, after median scaling.
@@ -60,6 +62,7 @@ impl Scores {
             ("coverage", Some(self.coverage)),
             ("still_photometric", Some(self.still_photometric)),
             ("depth_spread", Some(self.depth_spread)),
+            ("standing_motion", Some(self.standing_motion)),
             ("depth_abs_rel", self.depth_abs_rel),
             ("depth_d1", self.depth_d1),
             ("ate_m", self.ate_m),
@@ -94,7 +97,7 @@ impl Validator {
         let depth = self.depth(model)?;
         let trajectories: Vec<f64> =
             self.dataset.clips().filter_map(|(clip, gap)| score_trajectory(model, clip, gap, &self.device)).collect();
-        let [photometric, light, coverage, still_photometric, still_coverage, depth_spread] =
+        let [photometric, light, coverage, still_photometric, still_coverage, depth_spread, standing_motion] =
             self.objective_terms(model)?;
         Ok(Scores {
             photometric,
@@ -103,14 +106,15 @@ impl Validator {
             still_photometric,
             still_coverage,
             depth_spread,
+            standing_motion,
             depth_abs_rel: depth.map(|score| score.abs_rel),
             depth_d1: depth.map(|score| score.d1),
             ate_m: mean(&trajectories),
         })
     }
 
-    /// Photometric loss, light term and coverage; the first and the last of a camera that stands still; depth spread.
-    fn objective_terms(&self, model: &DepthMotionModel) -> Result<[f64; 6], TrainError> {
+    /// Photometric loss, light term and coverage; the first and the last of a camera that stands still; depth spread; standing motion.
+    fn objective_terms(&self, model: &DepthMotionModel) -> Result<[f64; 7], TrainError> {
         let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
         let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
         for indices in indices.chunks(self.batch) {
@@ -118,6 +122,7 @@ impl Validator {
                 indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
             let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
             let output = model.predict(&batch, false);
+            let standing_motion = standing_motion(output.motion.clone(), batch.stands.clone());
             let signs = VitalSigns::new(&output.prediction, output.motion);
             let prediction = Prediction { masks: Vec::new(), ..output.prediction };
             let terms = objective(&batch.views, &prediction, &self.objective);
@@ -129,13 +134,14 @@ impl Validator {
                 still.photometric,
                 still.coverage,
                 signs.depth_spread,
+                standing_motion,
             ];
             let weighted = Tensor::cat(figures, 0) * indices.len() as f64;
             sum = Some(sum.map_or(weighted.clone(), |sum| sum + weighted));
             count += indices.len() as f64;
         }
         let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
-        Ok([0, 1, 2, 3, 4, 5].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
+        Ok([0, 1, 2, 3, 4, 5, 6].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
     }
 
     fn depth(&self, model: &DepthMotionModel) -> Result<Option<DepthScore>, TrainError> {
@@ -162,7 +168,7 @@ fn standing(prediction: Prediction, model: &DepthMotionModel) -> Prediction {
 fn plain_item(drawn: &Drawn<'_>) -> Result<Item, TrainError> {
     let unused = &mut ChaCha8Rng::seed_from_u64(0);
     let (frames, camera) = augment(&drawn.frames, drawn.camera, &AugmentConfig::none(), unused)?;
-    Ok(Item { frames, camera })
+    Ok(Item { frames, camera, stands: drawn.stands })
 }
 
 fn mean(values: &[f64]) -> Option<f64> {
@@ -181,6 +187,7 @@ mod tests {
             still_photometric: 0.5,
             still_coverage: 0.95,
             depth_spread: 0.3,
+            standing_motion: 0.0,
             depth_abs_rel: None,
             depth_d1: None,
             ate_m: Some(0.001),
@@ -190,7 +197,7 @@ mod tests {
     #[test]
     fn figures_that_do_not_exist_are_not_named() {
         let names: Vec<_> = scores().named().into_keys().collect();
-        assert_eq!(names, ["ate_m", "coverage", "depth_spread", "photometric", "still_photometric"]);
+        assert_eq!(names, ["ate_m", "coverage", "depth_spread", "photometric", "standing_motion", "still_photometric"]);
     }
 
     #[test]
