@@ -1,8 +1,8 @@
 //! Which frames of a video are kept apart to judge by: the last sixth of every stretch of at most 600 frames.
 //!
 //! One block at the end of a short video; several spread over a long one, whose end may show something else than the
-//! rest. No snippet that is learned from has a frame in such a block, and none that is judged has a frame outside. A
-//! video too short for that gives up a quarter, then a third, before it is left out.
+//! rest. No snippet that is learned from has a frame in such a block, and none that is judged has a frame outside. Where a
+//! sixth has fewer than eight snippets, a quarter or a third is held back; a video that has none then is left out.
 
 use crate::clip::Clip;
 use crate::config::TrainConfig;
@@ -14,8 +14,10 @@ use std::sync::Arc;
 
 /// Longest stretch with one block held back, frames: 20 seconds of ordinary video.
 const STRETCH: usize = 600;
-/// One frame in so many is held back; the first that leaves snippets on both sides.
+/// One frame in so many is held back; the first that leaves enough to judge by.
 const SHARES: [usize; 3] = [6, 4, 3];
+/// Snippets of a video that are enough to judge by; fewer are a matter of luck.
+const ENOUGH: usize = 8;
 
 /// The snippets of some videos in two parts that share no frame.
 pub struct Parts {
@@ -60,14 +62,25 @@ impl Parts {
     }
 }
 
-/// The blocks of a clip that leave snippets inside and outside; none if it is too short.
+/// The blocks of a clip that have enough snippets inside, or the most there can be, and some outside; none if it is too
+/// short.
 fn blocks_of(all: &SnippetDataset, index: usize, frames: usize) -> Vec<Range<usize>> {
-    let divides = |blocks: &Vec<Range<usize>>| {
+    let held = |blocks: &Vec<Range<usize>>| {
         let inside = |clip: usize, span: Range<usize>| clip == index && blocks.iter().any(|block| within(block, &span));
         let outside = |clip: usize, span: Range<usize>| clip == index && blocks.iter().all(|block| apart(block, &span));
-        all.kept(inside).is_some() && all.kept(outside).is_some()
+        all.kept(outside).and_then(|_| all.kept(inside)).map_or(0, |held| held.len())
     };
-    SHARES.iter().map(|share| blocks(frames, *share)).find(divides).unwrap_or_default()
+    let (mut most, mut best) = (0, Vec::new());
+    for blocks in SHARES.map(|share| blocks(frames, share)) {
+        let count = held(&blocks);
+        if count > most {
+            (most, best) = (count, blocks);
+        }
+        if most >= ENOUGH {
+            break;
+        }
+    }
+    best
 }
 
 /// The last part, one frame in `share`, of every stretch.

@@ -4,10 +4,11 @@
 //! how well depth agrees with brightness, and how much motion is seen where the camera stands. Any could be had cheaply, so a
 //! candidate must
 //!
-//! - be better in the sum and worse in no part (a camera that stands before moving tissue may paint it worse, as motion that
-//!   is none can explain it);
+//! - be better in the sum, and worse neither in painting nor in light (before a camera that stands, painting may get worse:
+//!   a motion that is none can explain tissue that moves);
 //! - pay for pixels that its motion throws out of view what they cost when nothing moves ([`Scores::synthesis_error`]);
-//! - explain a picture that moves better than a camera that stands still does, or it has learned not to move;
+//! - where the picture moves, not paint it just as well as a camera that stands still, the mark of a motion that has
+//!   vanished;
 //! - keep at least half of the given model's relief, or its depth has become flat.
 //!
 //! Reliability and auto-mask take no part ([`Validator`](crate::validation::Validator)), so no pixel can be masked away.
@@ -19,8 +20,8 @@ use std::collections::BTreeMap;
 
 /// Where the camera stands in more than this share of the snippets, standing still is an explanation.
 const MOSTLY: f64 = 0.5;
-/// Least share of the error of standing still that motion must explain.
-const LEAST_GAIN: f64 = 0.02;
+/// An error nearer than this share to that of standing still is that of a motion that has vanished.
+const VANISHED: f64 = 0.02;
 /// Share of the given model's relief that a candidate must keep.
 const LEAST_RELIEF: f64 = 0.5;
 
@@ -60,10 +61,11 @@ impl Judge {
         let is_better = error.is_finite() && error < self.error(given);
         let paints_as_well = !self.moves || synthesis <= given.synthesis_error();
         let is_as_good = paints_as_well && scores.light <= given.light;
-        let explains_motion = !self.moves || synthesis < (1.0 - LEAST_GAIN) * scores.still_photometric;
+        let from_still = (synthesis - scores.still_photometric).abs();
+        let sees_motion = !self.moves || from_still > VANISHED * scores.still_photometric;
         let has_relief = scores.depth_spread >= LEAST_RELIEF * self.given.depth_spread;
         let looks = scores.coverage >= LEAST_COVERAGE;
-        (is_better && is_as_good && explains_motion && has_relief && looks).then_some(error)
+        (is_better && is_as_good && sees_motion && has_relief && looks).then_some(error)
     }
 
     /// The figures of a model as the record has them, with the deciding one as `error`.
