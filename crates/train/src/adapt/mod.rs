@@ -133,11 +133,11 @@ impl AdaptJob {
 
     /// Writes the given weights to `out`, with one more record.
     fn keep_given(&self, out: &Path, record: Option<Adaptation>) -> Result<usize, TrainError> {
-        self.write(out, self.given.checkpoint.clone(), record)
+        self.write(out, &self.given.checkpoint, record)
     }
 
     /// Writes a model, the settings of its first training and its history; returns the number of records.
-    fn write(&self, out: &Path, checkpoint: Checkpoint, record: Option<Adaptation>) -> Result<usize, TrainError> {
+    fn write(&self, out: &Path, checkpoint: &Checkpoint, record: Option<Adaptation>) -> Result<usize, TrainError> {
         let mut history = self.given.history.clone();
         history.adaptation.extend(record);
         checkpoint.save_with(out, |folder| {
@@ -228,7 +228,7 @@ impl Round {
             None => self.job.keep_given(out, Some(record.clone()))?,
             Some(best) => {
                 let manifest = self.manifest(&best, &record);
-                self.job.write(out, Checkpoint { manifest, ..best }, Some(record.clone()))?
+                self.job.write(out, &Checkpoint { manifest, ..best }, Some(record.clone()))?
             }
         };
         fs::remove_dir_all(self.run.root()).map_err(|error| TrainError::io(self.run.root(), "be removed", &error))?;
