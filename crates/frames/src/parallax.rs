@@ -68,6 +68,14 @@ fn patch_mean(luma: &Grid<f32>, x: usize, y: usize) -> f32 {
 ///
 /// At 160 pixels of width, 0.02 are about 3 pixels. Displacements beyond a tenth of the width are not found.
 pub fn displacement(a: &Thumbnail, b: &Thumbnail) -> Option<f64> {
+    displacement_at(a, b, 0.5)
+}
+
+/// The displacement that a share of the patches does not exceed; otherwise as [`displacement`], which is that of one half.
+///
+/// Under a camera that moves nearly every patch moves; before one that stands, tissue and instruments may move most of
+/// the picture, but a low quantile stays at zero.
+pub fn displacement_at(a: &Thumbnail, b: &Thumbnail, quantile: f64) -> Option<f64> {
     let size = a.luma.size();
     if size != b.luma.size() || size.width < 4 * SIDE || size.height < 2 * SIDE {
         return None;
@@ -76,9 +84,9 @@ pub fn displacement(a: &Thumbnail, b: &Thumbnail) -> Option<f64> {
     if lengths.len() < LEAST_MATCHES {
         return None;
     }
-    let middle = lengths.len() / 2;
-    let median = *lengths.select_nth_unstable_by(middle, f32::total_cmp).1;
-    Some(f64::from(median) / size.width as f64)
+    let place = ((lengths.len() as f64 * quantile) as usize).min(lengths.len() - 1);
+    let length = *lengths.select_nth_unstable_by(place, f32::total_cmp).1;
+    Some(f64::from(length) / size.width as f64)
 }
 
 fn halved<T: Copy, U>(grid: &Grid<T>, reduce: impl Fn([T; 4]) -> U) -> Grid<U> {

@@ -21,6 +21,8 @@ pub struct SnippetBatch {
     pub depth_inputs: Vec<Tensor<4>>,
     /// For the motion network, in the same order.
     pub motion_inputs: Vec<Tensor<4>>,
+    /// `[batch]`, 1 where the camera stands still, else 0.
+    pub stands: Tensor<1>,
 }
 
 impl SnippetBatch {
@@ -42,7 +44,9 @@ impl SnippetBatch {
             image: stack(frame, |frame| &frame.original),
             usable: Some(masks(items, size, frame, device)),
         };
+        let stands: Vec<f32> = items.iter().map(|item| f32::from(u8::from(item.stands))).collect();
         Ok(Self {
+            stands: Tensor::from_data(TensorData::new(stands, [items.len()]), device),
             views: ViewBatch { target: view(0), sources: (1..length).map(view).collect(), cameras },
             depth_inputs: (0..length).map(|frame| stack(frame, |frame| &frame.depth_input)).collect(),
             motion_inputs: (0..length).map(|frame| stack(frame, |frame| &frame.motion_input)).collect(),

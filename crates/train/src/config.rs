@@ -42,6 +42,9 @@ pub struct TrainConfig {
     pub warmup: u64,
     /// How it falls later. Default cosine; paper constant; endo in steps.
     pub decay: Decay,
+    /// Price of a motion that is seen where the camera stands still (`gap.still`). Default 0; 10 in `adapt`: one pixel's
+    /// worth, about 0.005, then costs a tenth of a usual loss.
+    pub standing_weight: f64,
     /// Longest gradient over all weights; longer ones are shortened, 0 for no limit. Default 10: far above what a
     /// healthy training shows, so it only catches outliers.
     pub gradient_norm: f64,
@@ -49,6 +52,8 @@ pub struct TrainConfig {
     pub log_every: u64,
     /// Steps between two validations. Default 250.
     pub validate_every: u64,
+    /// Validations in a row without a better one after which training ends, 0 for never. Default 0.
+    pub patience: u64,
     /// Snippets of a validation, spread evenly over its clips. Default 64.
     pub validation_snippets: usize,
     /// What makes a checkpoint the best. Default photometric.
@@ -150,9 +155,11 @@ impl TrainConfig {
             learning_rate: 6e-4,
             warmup: 100,
             decay: Decay::Cosine,
+            standing_weight: 0.0,
             gradient_norm: 10.0,
             log_every: 10,
             validate_every: 250,
+            patience: 0,
             validation_snippets: 64,
             best_by: Criterion::Photometric,
             checkpoint_seconds: 120.0,
@@ -262,6 +269,7 @@ impl TrainConfig {
         }
         let numbers = [
             ("minutes", self.minutes),
+            ("standing_weight", self.standing_weight),
             ("gradient_norm", self.gradient_norm),
             ("checkpoint_seconds", self.checkpoint_seconds),
         ];

@@ -8,6 +8,7 @@ use endoscape_core::{Camera, Event, EventSink, Size};
 use rand::rngs::ChaCha8Rng;
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{Rng, SeedableRng};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A target frame with its neighbours to both sides.
@@ -23,6 +24,8 @@ pub struct Drawn<'a> {
     pub frames: Vec<&'a ClipFrame>,
     /// Their camera.
     pub camera: &'a Camera,
+    /// Whether it stands still, whatever moves before it.
+    pub stands: bool,
 }
 
 /// All snippets of a set of clips of one size.
@@ -90,6 +93,40 @@ impl SnippetDataset {
         self.clips.iter().map(Arc::as_ref).zip(self.median_gaps.iter().copied())
     }
 
+    /// Share of the snippets in which the camera stands still.
+    pub fn standing_share(&self) -> f64 {
+        self.snippets.iter().filter(|snippet| snippet.target.stands).count() as f64 / self.snippets.len() as f64
+    }
+
+    /// The snippets whose frames `keep` admits; it is asked for a clip and the range of frames in it that a snippet spans
+    /// at one of its gaps. `None` if nothing is left.
+    pub fn kept(&self, keep: impl Fn(usize, Range<usize>) -> bool) -> Option<Self> {
+        let side = self.length / 2;
+        let within = |snippet: &Snippet| {
+            let Target { frame, gaps, stands } = &snippet.target;
+            let spans = |gap: &usize| keep(snippet.clip, frame - side * gap..frame + side * gap + 1);
+            let gaps: Vec<usize> = gaps.iter().copied().filter(spans).collect();
+            let target = Target { frame: *frame, gaps, stands: *stands };
+            (!target.gaps.is_empty()).then_some(Snippet { clip: snippet.clip, target })
+        };
+        let snippets: Vec<Snippet> = self.snippets.iter().filter_map(within).collect();
+        (!snippets.is_empty()).then(|| Self { snippets, ..self.clone() })
+    }
+
+    /// These snippets and at most as many of `other`, evenly spread over it.
+    #[must_use]
+    pub fn mixed_with(mut self, other: &Self) -> Self {
+        let first = self.clips.len();
+        let moved = |index: usize| {
+            let Snippet { clip, target } = &other.snippets[index];
+            Snippet { clip: first + clip, target: target.clone() }
+        };
+        self.snippets.extend(spread(other.len(), self.len()).map(moved));
+        self.clips.extend(other.clips.iter().cloned());
+        self.median_gaps.extend(&other.median_gaps);
+        self
+    }
+
     /// The frames of a snippet at one of its gaps, chosen by `rng`.
     ///
     /// # Panics
@@ -97,7 +134,7 @@ impl SnippetDataset {
     pub fn draw(&self, index: usize, rng: &mut impl Rng) -> Drawn<'_> {
         let Snippet { clip, target } = &self.snippets[index];
         let gap = target.gaps.choose(rng).copied().unwrap_or(1);
-        self.frames_at(*clip, target.frame, gap)
+        self.frames_at(*clip, target, gap)
     }
 
     /// The frames of a snippet at its smallest gap.
@@ -106,13 +143,20 @@ impl SnippetDataset {
     /// If there is no such snippet.
     pub fn plain(&self, index: usize) -> Drawn<'_> {
         let Snippet { clip, target } = &self.snippets[index];
-        self.frames_at(*clip, target.frame, target.gaps[0])
+        self.frames_at(*clip, target, target.gaps[0])
     }
 
-    fn frames_at(&self, clip: usize, target: usize, gap: usize) -> Drawn<'_> {
+    fn frames_at(&self, clip: usize, target: &Target, gap: usize) -> Drawn<'_> {
         let clip = &self.clips[clip];
-        Drawn { frames: snippet_frames(clip, target, gap, self.length).unwrap_or_default(), camera: &clip.camera }
+        let frames = snippet_frames(clip, target.frame, gap, self.length).unwrap_or_default();
+        Drawn { frames, camera: &clip.camera, stands: target.stands }
     }
+}
+
+/// At most `wanted` numbers below `count`, evenly spread.
+pub fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
+    let taken = wanted.min(count);
+    (0..taken).map(move |index| index * count / taken)
 }
 
 /// The frames of a snippet, target first, then its neighbours in time order; `None` where the clip ends before.
@@ -140,6 +184,8 @@ pub struct Item {
     pub frames: Vec<AugmentedFrame>,
     /// The camera of all frames.
     pub camera: Camera,
+    /// Whether it stands still.
+    pub stands: bool,
 }
 
 impl DrawPlan {
@@ -161,7 +207,7 @@ impl DrawPlan {
         let mut rng = stream(self.seed, ITEMS + number);
         let drawn = dataset.draw(index, &mut rng);
         let (frames, camera) = augment(&drawn.frames, drawn.camera, &self.augment, &mut rng)?;
-        Ok(Item { frames, camera })
+        Ok(Item { frames, camera, stands: drawn.stands })
     }
 
     fn order(&self, count: usize, epoch: u64) -> Vec<usize> {
@@ -223,6 +269,40 @@ mod tests {
         assert_eq!(positions(snippet_frames(&clip, 8, 3, 5).unwrap()), [8, 2, 5, 11, 14]);
         assert!(snippet_frames(&clip, 2, 3, 3).is_none());
         assert!(snippet_frames(&clip, 18, 2, 3).is_none());
+    }
+
+    #[test]
+    fn snippets_are_spread_over_all() {
+        assert_eq!(spread(10, 4).collect::<Vec<_>>(), [0, 2, 5, 7]);
+        assert_eq!(spread(3, 64).collect::<Vec<_>>(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn kept_snippets_lie_wholly_inside() {
+        let all = dataset();
+        let early = all.kept(|_, frames| frames.end <= 12).unwrap();
+        let late = all.kept(|_, frames| frames.start >= 12).unwrap();
+        assert!(early.len() + late.len() < all.len());
+        for (part, allowed) in [(&early, 0..12), (&late, 12..30)] {
+            let mut rng = stream(0, 0);
+            let mut drawn = (0..part.len()).flat_map(|index| part.draw(index, &mut rng).frames);
+            assert!(drawn.all(|frame| allowed.contains(&frame.position)));
+        }
+        assert!(all.kept(|clip, _| clip > 1).is_none());
+    }
+
+    #[test]
+    fn a_mixture_is_never_mostly_old() {
+        let of = |frames| {
+            SnippetDataset::new(vec![Arc::new(sliding_clip(frames, 2.5))], 3, &GapConfig::default(), &mut NullSink)
+                .unwrap()
+        };
+        let (new, old) = (of(10), of(40));
+        let mixed = new.clone().mixed_with(&old);
+        assert_eq!((mixed.len(), mixed.clips().count()), (2 * new.len(), 2));
+        assert_eq!(old.clone().mixed_with(&new).len(), old.len() + new.len());
+        let last = mixed.plain(mixed.len() - 1).frames[0].position;
+        assert!(last > 10, "the old snippets come from one end: {last}");
     }
 
     #[test]

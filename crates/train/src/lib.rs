@@ -18,11 +18,13 @@
 //! | [`validation`] | photometric, depth and trajectory figures |
 //! | [`collapse`] | notices trainings that learn nothing |
 //! | [`state`], [`run_folder`], [`transfer`] | what is on disk: going on, looking back, starting from |
+//! | [`adapt`](mod@adapt) | going on learning from new videos, never to a worse model |
 //! | `tensorboard` | curves as TensorBoard reads them |
 //!
 //! Images and formulae follow `endoscape-nets` and `endoscape-synthesis`; libraries never print, they tell
 //! [`Event`](endoscape_core::Event)s.
 
+pub mod adapt;
 pub mod augment;
 pub mod batch;
 pub mod clip;
@@ -44,6 +46,7 @@ pub mod trainer;
 pub mod transfer;
 pub mod validation;
 
+pub use adapt::{AdaptJob, Adapted, GivenModel, NewVideo, adapt};
 pub use clip::{Clip, Source, load_clips};
 pub use config::{Preset, TrainConfig};
 pub use dataset::SnippetDataset;

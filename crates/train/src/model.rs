@@ -74,6 +74,18 @@ impl DepthMotionModel {
     }
 }
 
+/// What the motion network sees where there is nothing to see: the mean over the batch of the absolute motion, all six
+/// numbers summed, of snippets whose camera stands still; `[1]`.
+///
+/// # Shapes
+/// - `motion`: `[batch, sources, 6]`
+/// - `stands`: `[batch]`, 1 or 0
+pub fn standing_motion(motion: Tensor<3>, stands: Tensor<1>) -> Tensor<1> {
+    let [batch, sources, _] = motion.dims();
+    let length: Tensor<1> = motion.abs().sum_dim(2).sum_dim(1).reshape([batch]) / sources as f64;
+    (length * stands).mean()
+}
+
 /// Numbers the parameters in the order of the module.
 ///
 /// The optimiser files its state under parameter numbers, which are random by default: a resumed training would not

@@ -29,6 +29,9 @@ pub struct Progress {
     pub best: Option<f64>,
     /// Step of the last validation, which a resumed run need not repeat.
     pub validated_at: Option<u64>,
+    /// Validations in a row that brought nothing better.
+    #[serde(default)]
+    pub stale: u64,
 }
 
 /// A run in memory.

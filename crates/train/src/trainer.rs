@@ -3,13 +3,14 @@
 //! [`train`] is the whole recipe. A step reads nothing back from the device; losses are read every `log_every` steps,
 //! together and once.
 
+use crate::adapt::Judge;
 use crate::batch::SnippetBatch;
 use crate::collapse::{CollapseWatch, Signs, VitalSigns};
 use crate::config::{Criterion, TrainConfig};
 use crate::dataset::{DrawPlan, SnippetDataset};
 use crate::error::TrainError;
 use crate::loader::{Loader, LoaderPlan};
-use crate::model::Output;
+use crate::model::{Output, standing_motion};
 use crate::optimizer::limit_gradient;
 use crate::run_folder::{RunFolder, RunManifest, Table};
 use crate::schedule::warmup_factor;
@@ -114,7 +115,7 @@ impl Metrics {
 }
 
 /// Networks that explain a smaller share of the pixels are never the best, however well they explain those.
-const LEAST_COVERAGE: f64 = 0.2;
+pub(crate) const LEAST_COVERAGE: f64 = 0.2;
 
 /// A line of `validation.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -134,6 +135,16 @@ struct ScoreLine {
 /// # Errors
 /// [`TrainError`]: an impossible configuration, a folder in use, weights that do not load, a loss that diverged.
 pub fn train(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Result<Summary, TrainError> {
+    begin(job, None, run, events)
+}
+
+/// As [`train`]; with a judge, only networks it admits are ever the best.
+pub(crate) fn begin(
+    job: &TrainJob,
+    judge: Option<&Judge>,
+    run: &RunFolder,
+    events: &mut dyn EventSink,
+) -> Result<Summary, TrainError> {
     job.config.validate()?;
     let device = job.device.clone().autodiff();
     let nets = &job.config.nets;
@@ -148,7 +159,7 @@ pub fn train(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Res
     // The architecture of a checkpoint stays its own.
     let config = TrainConfig { nets: checkpoint.config.clone(), ..job.config.clone() };
     run.describe(&config, &manifest_of(job))?;
-    let mut session = Session::new(job, config, run, TrainState::fresh(checkpoint)?)?;
+    let mut session = Session::new(job, judge, config, run, TrainState::fresh(checkpoint)?)?;
     // From here on the run can be resumed, whatever happens.
     session.save_latest()?;
     session.train(events)
@@ -160,6 +171,16 @@ pub fn train(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Res
 /// # Errors
 /// [`TrainError`]: a folder without a run, other data than the run's, or as [`train`].
 pub fn resume(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Result<Summary, TrainError> {
+    go_on(job, None, run, events)
+}
+
+/// As [`resume`], for a run that [`begin`] began with a judge.
+pub(crate) fn go_on(
+    job: &TrainJob,
+    judge: Option<&Judge>,
+    run: &RunFolder,
+    events: &mut dyn EventSink,
+) -> Result<Summary, TrainError> {
     job.config.validate()?;
     let recorded = run.manifest()?;
     if sources_of(&job.data) != recorded.data {
@@ -168,10 +189,11 @@ pub fn resume(job: &TrainJob, run: &RunFolder, events: &mut dyn EventSink) -> Re
     }
     let state = TrainState::load(run, &job.device.clone().autodiff())?;
     run.describe(&job.config, &RunManifest { device: job.device_name.clone(), ..recorded })?;
-    Session::new(job, job.config.clone(), run, state)?.train(events)
+    Session::new(job, judge, job.config.clone(), run, state)?.train(events)
 }
 
-fn sources_of(dataset: &SnippetDataset) -> Vec<DataSource> {
+/// Names and fingerprints of the clips of a data set.
+pub(crate) fn sources_of(dataset: &SnippetDataset) -> Vec<DataSource> {
     let source =
         |clip: &crate::clip::Clip| DataSource { name: clip.name.clone(), fingerprint: clip.fingerprint.clone() };
     dataset.clips().map(|(clip, _)| source(clip)).collect()
@@ -199,6 +221,7 @@ struct StepTaken {
 /// One sitting of a run.
 struct Session<'a> {
     job: &'a TrainJob,
+    judge: Option<&'a Judge>,
     config: TrainConfig,
     run: &'a RunFolder,
     state: TrainState,
@@ -216,7 +239,13 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    fn new(job: &'a TrainJob, config: TrainConfig, run: &'a RunFolder, state: TrainState) -> Result<Self, TrainError> {
+    fn new(
+        job: &'a TrainJob,
+        judge: Option<&'a Judge>,
+        config: TrainConfig,
+        run: &'a RunFolder,
+        state: TrainState,
+    ) -> Result<Self, TrainError> {
         let Progress { step, elapsed_s, .. } = state.progress;
         let judged = job.validation.as_ref().unwrap_or(&job.data);
         Ok(Self {
@@ -229,6 +258,7 @@ impl<'a> Session<'a> {
             logged: (step, elapsed_s),
             saved: (step, elapsed_s),
             job,
+            judge,
             config,
             run,
             state,
@@ -238,7 +268,7 @@ impl<'a> Session<'a> {
     fn train(mut self, events: &mut dyn EventSink) -> Result<Summary, TrainError> {
         events.event(Event::Started { stage: "training".into(), total: self.expected_steps() });
         let mut loader = Loader::start(&self.loader_plan(), self.state.progress.step, self.config.loader_threads);
-        while self.share_spent() < 1.0 {
+        while self.share_spent() < 1.0 && !self.is_stale() {
             let batch = loader.next_batch()?;
             let taken = self.step(&batch);
             events.event(Event::Advanced { done: self.state.progress.step });
@@ -270,7 +300,11 @@ impl<'a> Session<'a> {
         let model = self.state.model.clone();
         let output = model.predict(batch, self.config.with_source_depth());
         let terms = objective(&batch.views, &output.prediction, &self.config.objective);
-        let mut gradients = GradientsParams::from_grads(terms.total.backward(), &model);
+        let mut total = terms.total.clone();
+        if self.config.standing_weight > 0.0 {
+            total = total + standing_motion(output.motion.clone(), batch.stands.clone()) * self.config.standing_weight;
+        }
+        let mut gradients = GradientsParams::from_grads(total.backward(), &model);
         if self.config.gradient_norm > 0.0 {
             gradients = limit_gradient(gradients, &model, self.config.gradient_norm);
         }
@@ -294,6 +328,11 @@ impl<'a> Session<'a> {
 
     fn is_due(&self, every: u64) -> bool {
         self.state.progress.step.is_multiple_of(every)
+    }
+
+    /// Whether the last validations have all brought nothing better.
+    fn is_stale(&self) -> bool {
+        self.config.patience > 0 && self.state.progress.stale >= self.config.patience
     }
 
     /// Steps in all, where the budget says.
@@ -373,7 +412,7 @@ impl<'a> Session<'a> {
     fn validate(&mut self, events: &mut dyn EventSink) -> Result<Scores, TrainError> {
         let scores = self.validator.measure(&self.state.model.valid())?;
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
-        let Scores { photometric, light, coverage, depth_abs_rel, depth_d1, ate_m } = scores;
+        let Scores { photometric, light, coverage, depth_abs_rel, depth_d1, ate_m, .. } = scores;
         if self.state.progress.validated_at != Some(step) {
             let line = ScoreLine { step, elapsed_s, photometric, light, coverage, depth_abs_rel, depth_d1, ate_m };
             self.scores.add(&line)?;
@@ -385,19 +424,28 @@ impl<'a> Session<'a> {
             }
         }
         self.state.progress.validated_at = Some(step);
-        let unsupervised = photometric + self.config.objective.light_weight * light.unwrap_or(0.0);
-        let deciding = match self.config.best_by {
-            Criterion::Photometric => unsupervised,
-            Criterion::Depth => depth_abs_rel.unwrap_or(unsupervised),
-        };
-        let explains_something = coverage >= LEAST_COVERAGE;
-        if explains_something && deciding.is_finite() && self.state.progress.best.is_none_or(|best| deciding < best) {
-            self.state.progress.best = Some(deciding);
+        self.state.progress.stale += 1;
+        let deciding = self.deciding(&scores).filter(|value| self.state.progress.best.is_none_or(|best| *value < best));
+        if let Some(value) = deciding {
+            (self.state.progress.best, self.state.progress.stale) = (Some(value), 0);
             let checkpoint =
                 self.state.model.valid().to_checkpoint(self.config.nets.clone(), self.manifest(Some(&scores)));
             checkpoint.save(&self.run.best())?;
         }
         Ok(scores)
+    }
+
+    /// The figure by which the best checkpoint is chosen; `None` for networks that must not be it.
+    fn deciding(&self, scores: &Scores) -> Option<f64> {
+        if let Some(judge) = self.judge {
+            return judge.admits(scores);
+        }
+        let unsupervised = scores.photometric + self.config.objective.light_weight * scores.light.unwrap_or(0.0);
+        let value = match self.config.best_by {
+            Criterion::Photometric => unsupervised,
+            Criterion::Depth => scores.depth_abs_rel.unwrap_or(unsupervised),
+        };
+        (scores.coverage >= LEAST_COVERAGE && value.is_finite()).then_some(value)
     }
 
     fn save_latest(&mut self) -> Result<(), TrainError> {

@@ -1,5 +1,6 @@
 //! One module per command: its arguments and what it does.
 
+pub mod adapt;
 pub mod compare;
 pub mod convert;
 pub mod demo;
