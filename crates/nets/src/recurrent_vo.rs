@@ -110,7 +110,10 @@ impl RecurrentVoConfig {
             convolution([input, one + pooled], 1) + narrow(three, 3) + narrow(five, 5)
         });
         let lstm = 2 * 4 * 2 * linear([self.hidden; 2]);
-        stem.chain(blocks).sum::<usize>() + linear([self.features(), self.hidden]) + lstm + linear([self.hidden, MOTION])
+        stem.chain(blocks).sum::<usize>()
+            + linear([self.features(), self.hidden])
+            + lstm
+            + linear([self.hidden, MOTION])
     }
 
     /// Builds the network with the fresh weights of `seed`.
