@@ -41,7 +41,8 @@ fn trained(folder: &Folder, out: &str, steps: &str) -> String {
 fn a_network_is_trained_with_true_poses_and_runs_in_metres() {
     let folder = Folder::new();
     let model = trained(&folder, "model", "20");
-    for file in ["config.toml", "run.json", "metrics.csv", "validation.csv", "best/manifest.json", "latest/progress.json"]
+    for file in
+        ["config.toml", "run.json", "metrics.csv", "validation.csv", "best/manifest.json", "latest/progress.json"]
     {
         assert!(Path::new(&model).join(file).is_file(), "{file}");
     }

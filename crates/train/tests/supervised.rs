@@ -16,7 +16,9 @@ use endoscape_core::event::NullSink;
 use endoscape_nets::RecurrentVoConfig;
 use endoscape_train::schedule::Decay;
 use endoscape_train::supervised::clip::PosedFrame;
-use endoscape_train::supervised::{PosedClip, SupervisedConfig, SupervisedJob, config_of, is_supervised, resume, train};
+use endoscape_train::supervised::{
+    PosedClip, SupervisedConfig, SupervisedJob, config_of, is_supervised, resume, train,
+};
 use endoscape_train::{RunFolder, TrainError};
 use std::path::Path;
 
