@@ -234,7 +234,7 @@ impl RecurrentVo {
     /// `[batch, 6, height, width]` to `[batch, features]`.
     fn features(&self, pairs: Tensor<4>) -> Tensor<2> {
         let seen = self.stem.iter().fold(pairs, |features, stage| stage.forward(features));
-        let seen = self.blocks.iter().fold(seen, |features, block| halved(block.forward(features)));
+        let seen = self.blocks.iter().fold(seen, |features, block| halved(block.forward(&features)));
         adaptive_avg_pool2d(seen, [self.grid; 2]).flatten(1, 3)
     }
 }
@@ -271,7 +271,7 @@ impl InceptionBlock {
     /// # Shapes
     /// - `features`: `[batch, channels_in, height, width]`
     /// - returns: `[batch, sum of the branches' channels, height, width]`
-    fn forward(&self, features: Tensor<4>) -> Tensor<4> {
+    fn forward(&self, features: &Tensor<4>) -> Tensor<4> {
         let narrow = |[reduce, widen]: &[ConvBlock; 2]| widen.forward(reduce.forward(features.clone()));
         let around = MaxPoolOptions::new([3, 3]).with_stride([1, 1]).with_padding([1, 1]);
         let pooled = self.pooled.forward(max_pool2d(features.clone(), around));

@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
         let (config, net) = (&self.config, self.state.net.clone());
         let device = self.job.device.clone().autodiff();
         let passage = Passage::draw(&self.job.data, config, config.net.unit_m, self.state.progress.step, &device);
-        let motion = truncated(&net, passage.pairs, config.truncation);
+        let motion = truncated(&net, &passage.pairs, config.truncation);
         let loss = MotionLoss::new(motion, passage.truth, config.rotation_weight);
         let mut gradients = GradientsParams::from_grads(loss.total.backward(), &net);
         if config.gradient_norm > 0.0 {
@@ -360,7 +360,7 @@ impl<'a> Session<'a> {
 }
 
 /// Motions of all pairs, `[batch, time, 6]`, with gradients that reach back through at most `truncation` of them.
-fn truncated(net: &RecurrentVo, pairs: Tensor<5>, truncation: usize) -> Tensor<3> {
+fn truncated(net: &RecurrentVo, pairs: &Tensor<5>, truncation: usize) -> Tensor<3> {
     let time = pairs.dims()[1];
     let (mut motions, mut memory): (Vec<_>, Option<Memory>) = (Vec::new(), None);
     for first in (0..time).step_by(truncation) {

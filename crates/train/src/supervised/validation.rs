@@ -40,7 +40,7 @@ struct Sums {
 impl Sums {
     /// # Shapes
     /// - `motion`, `truth`: `[1, time, 6]`
-    fn add(&mut self, motion: Tensor<3>, truth: Tensor<3>) -> Result<(), TrainError> {
+    fn add(&mut self, motion: &Tensor<3>, truth: &Tensor<3>) -> Result<(), TrainError> {
         let MotionLoss { translation, rotation, .. } = MotionLoss::new(motion.clone(), truth.clone(), 0.0);
         let time = truth.dims()[1];
         let length = |vectors: Tensor<3>, first: usize| vectors.narrow(2, first, 3).square().sum_dim(2).sqrt().sum();
@@ -89,7 +89,7 @@ pub fn measure(
             let last = (first + AT_ONCE).min(frames.len() - 1);
             let Passage { pairs, truth } = Passage::plain(&frames[first..=last], unit_m, device);
             let (motion, next) = net.forward(pairs, memory);
-            sums.add(motion, truth)?;
+            sums.add(&motion, &truth)?;
             memory = Some(next);
         }
     }
