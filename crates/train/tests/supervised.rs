@@ -143,7 +143,7 @@ fn recovered(steps: u64) -> (f64, f64) {
 
 #[test]
 fn the_motions_of_a_short_clip_are_learned() {
-    let (start, later) = (recovered(1), recovered(250));
+    let (start, later) = (recovered(1), recovered(700));
     eprintln!("{start:?} {later:?}");
     assert!(later.0 < 0.25 && later.1 < 0.25, "{start:?} {later:?}");
     assert!(start.0 > 0.8, "nothing was to be learned: {start:?}");
