@@ -23,10 +23,21 @@ use std::path::{Path, PathBuf};
 /// The newest checkpoint format this program reads and the one it writes.
 pub const FORMAT: u32 = 1;
 
-const WEIGHTS: &str = "weights.safetensors";
-const CONFIG: &str = "config.toml";
-const MANIFEST: &str = "manifest.json";
+pub(crate) const WEIGHTS: &str = "weights.safetensors";
+pub(crate) const CONFIG: &str = "config.toml";
+pub(crate) const MANIFEST: &str = "manifest.json";
 const REMEDY: &str = "restore the files of one checkpoint or import the weights again";
+
+/// What a checkpoint folder holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ModelKind {
+    /// Depth and motion networks, a [`Checkpoint`].
+    #[default]
+    DepthMotion,
+    /// A recurrent network, a [`RecurrentCheckpoint`](crate::RecurrentCheckpoint).
+    Recurrent,
+}
 
 /// Where a model comes from and how good it was.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,7 +46,10 @@ pub struct Manifest {
     pub format: u32,
     /// Version of the program that wrote it; set when saving.
     pub endoscape_version: String,
-    /// The networks in the weight file; set when saving.
+    /// What the folder holds; set when saving.
+    #[serde(default)]
+    pub kind: ModelKind,
+    /// The depth and motion networks in the weight file; set when saving.
     pub networks: Vec<Network>,
     /// Training steps taken.
     #[serde(default)]
@@ -62,6 +76,7 @@ impl Default for Manifest {
         Self {
             format: FORMAT,
             endoscape_version: env!("CARGO_PKG_VERSION").to_string(),
+            kind: ModelKind::default(),
             networks: Vec::new(),
             steps: 0,
             seed: None,
@@ -70,6 +85,21 @@ impl Default for Manifest {
             validation: BTreeMap::new(),
             origin: None,
         }
+    }
+}
+
+impl Manifest {
+    /// The text of `manifest.json` for a folder of `kind` with `networks`, as this program writes it now.
+    ///
+    /// # Errors
+    /// [`NetsError::Io`] about the folder at `path`.
+    pub(crate) fn text(&self, kind: ModelKind, networks: Vec<Network>, path: &Path) -> Result<String, NetsError> {
+        let mut manifest = Self { kind, networks, ..self.clone() };
+        (manifest.format, manifest.endoscape_version) = (FORMAT, env!("CARGO_PKG_VERSION").to_string());
+        // JSON has no NaN: a figure that is none would make the folder unreadable.
+        manifest.validation.retain(|_, figure| figure.is_finite());
+        serde_json::to_string_pretty(&manifest)
+            .map_err(|error| NetsError::io(path, "write", std::io::Error::other(error)))
     }
 }
 
@@ -152,7 +182,10 @@ impl Checkpoint {
         files::replace_folder(path, |folder| {
             self.write_weights(&folder.join(WEIGHTS))?;
             files::write_durably(&folder.join(CONFIG), self.config.to_toml()?.as_bytes())?;
-            files::write_durably(&folder.join(MANIFEST), self.manifest_text(path)?.as_bytes())?;
+            let networks = [self.disp.as_ref().map(|_| Network::Disp), self.pose.as_ref().map(|_| Network::Pose)];
+            let networks = networks.into_iter().flatten().collect();
+            let manifest = self.manifest.text(ModelKind::DepthMotion, networks, path)?;
+            files::write_durably(&folder.join(MANIFEST), manifest.as_bytes())?;
             extra(folder)
         })
     }
@@ -167,11 +200,11 @@ impl Checkpoint {
     /// # Errors
     /// [`NetsError`] naming what is missing, damaged, newer than this program, or at odds with the rest.
     pub fn load(path: &Path, device: &Device) -> Result<Self, NetsError> {
-        let folder = files::current(path);
-        if !folder.exists() {
-            return Err(NetsError::Missing { path: folder, what: "checkpoint folder" });
+        let (folder, manifest) = open_folder(path)?;
+        if manifest.kind == ModelKind::Recurrent {
+            let reason = "holds a recurrent network, not networks for depth and motion";
+            return Err(NetsError::mismatch(&folder, reason, "use it with endoscape run --method recurrent"));
         }
-        let manifest = read_manifest(&folder)?;
         let config_path = folder.join(CONFIG);
         let config = NetsConfig::from_toml(&files::read_text(&config_path)?);
         let config = config.map_err(|error| NetsError::mismatch(&config_path, error.to_string(), REMEDY))?;
@@ -243,22 +276,23 @@ impl Checkpoint {
         }
         write_safetensors(path, &arrays, HashMap::from([(CONFIG_KEY.to_string(), self.config.to_toml()?)]))
     }
+}
 
-    /// The manifest as this program writes it now.
-    fn manifest_text(&self, path: &Path) -> Result<String, NetsError> {
-        let mut manifest = Manifest { networks: Vec::new(), ..self.manifest.clone() };
-        (manifest.format, manifest.endoscape_version) = (FORMAT, env!("CARGO_PKG_VERSION").to_string());
-        manifest.networks.extend(self.disp.as_ref().map(|_| Network::Disp));
-        manifest.networks.extend(self.pose.as_ref().map(|_| Network::Pose));
-        // JSON has no NaN: a figure that is none would make the folder unreadable.
-        manifest.validation.retain(|_, figure| figure.is_finite());
-        serde_json::to_string_pretty(&manifest)
-            .map_err(|error| NetsError::io(path, "write", std::io::Error::other(error)))
+/// The last complete folder of `path` and its manifest.
+///
+/// # Errors
+/// [`NetsError`] when there is none, or it is damaged or newer than this program.
+pub(crate) fn open_folder(path: &Path) -> Result<(PathBuf, Manifest), NetsError> {
+    let folder = files::current(path);
+    if !folder.exists() {
+        return Err(NetsError::Missing { path: folder, what: "checkpoint folder" });
     }
+    let manifest = read_manifest(&folder)?;
+    Ok((folder, manifest))
 }
 
 /// Refuses a configuration far larger than the file before memory is spent on it; exact checks come with the names.
-fn check_size(wanted: usize, arrays: &NamedArrays) -> Result<(), String> {
+pub(crate) fn check_size(wanted: usize, arrays: &NamedArrays) -> Result<(), String> {
     let held: usize = arrays.values().map(|array| array.values.len()).sum();
     if wanted > 2 * held + 1024 {
         return Err(format!("holds {held} numbers where the configured network has {wanted}"));
@@ -266,7 +300,7 @@ fn check_size(wanted: usize, arrays: &NamedArrays) -> Result<(), String> {
     Ok(())
 }
 
-fn check_finite(path: &Path, arrays: &NamedArrays) -> Result<(), NetsError> {
+pub(crate) fn check_finite(path: &Path, arrays: &NamedArrays) -> Result<(), NetsError> {
     match arrays.iter().find(|(_, array)| array.values.iter().any(|value| !value.is_finite())) {
         Some((name, _)) => Err(NetsError::corrupt(path, format!("tensor {name} holds a number that is not finite"))),
         None => Ok(()),
@@ -294,7 +328,7 @@ fn read_manifest(folder: &Path) -> Result<Manifest, NetsError> {
 }
 
 /// Only a checkpoint or an empty folder may be replaced: a mistyped path must not cost anybody their files.
-fn check_replaceable(path: &Path) -> Result<(), NetsError> {
+pub(crate) fn check_replaceable(path: &Path) -> Result<(), NetsError> {
     if !path.exists() || path.join(MANIFEST).exists() {
         return Ok(());
     }

@@ -87,7 +87,7 @@ impl NetsConfig {
 }
 
 /// One sentence instead of the parser's excerpt of several lines.
-fn toml_error(error: &toml::de::Error, text: &str) -> NetsError {
+pub(crate) fn toml_error(error: &toml::de::Error, text: &str) -> NetsError {
     let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
     let line = before.matches('\n').count() + 1;
     NetsError::config(format!("line {line}"), format!("cannot be read: {}", error.message().replace('\n', " ")))

@@ -1,9 +1,10 @@
-//! The two networks of the method, their checkpoints, and weights in and out.
+//! The two networks of the method, the recurrent one of its rival, their checkpoints, and weights in and out.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`disp_net`] | [`DispNet`]: one picture to a [`DisparityPyramid`] |
 //! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
+//! | [`recurrent_vo`] | [`RecurrentVo`]: pairs of frames to motions, with a memory; its [`RecurrentCheckpoint`] |
 //! | [`config`] | [`NetsConfig`] and its presets |
 //! | [`input`] | pictures as the networks see them |
 //! | [`checkpoint`] | [`Checkpoint`]: the folder a trained model lives in |
@@ -28,11 +29,13 @@ pub mod layers;
 pub mod onnx;
 pub mod plan;
 pub mod pose_mask_net;
+pub mod recurrent_checkpoint;
+pub mod recurrent_vo;
 #[cfg(test)]
 mod tests;
 mod weights;
 
-pub use checkpoint::{Checkpoint, DataSource, Manifest, TrainedInput};
+pub use checkpoint::{Checkpoint, DataSource, Manifest, ModelKind, TrainedInput};
 pub use config::NetsConfig;
 pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
 pub use endoscape_core::Rotation;
@@ -43,4 +46,6 @@ pub use layers::Padding;
 pub use onnx::OnnxOptions;
 pub use plan::{DepthPlan, InferencePlan, MotionPlan, StepTime};
 pub use pose_mask_net::{MaskHead, PoseMask, PoseMaskNet, PoseMaskNetConfig};
+pub use recurrent_checkpoint::RecurrentCheckpoint;
+pub use recurrent_vo::{Memory, RecurrentVo, RecurrentVoConfig};
 pub use weights::ImportReport;

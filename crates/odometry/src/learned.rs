@@ -433,27 +433,33 @@ impl Odometry for LearnedOdometry {
     }
 
     fn stage_times(&self) -> &[(&'static str, Duration)] {
-        &self.clock.laps
+        self.clock.laps()
     }
 }
 
 /// Time of each stage of one frame.
 #[derive(Debug, Default)]
-struct StageClock {
+pub(crate) struct StageClock {
     laps: Vec<(&'static str, Duration)>,
     last: Option<Instant>,
 }
 
 impl StageClock {
-    fn restart(&mut self) {
+    /// Begins a frame.
+    pub(crate) fn restart(&mut self) {
         self.laps.clear();
         self.last = Some(Instant::now());
     }
 
     /// Ends the stage `name`.
-    fn lap(&mut self, name: &'static str) {
+    pub(crate) fn lap(&mut self, name: &'static str) {
         let now = Instant::now();
         self.laps.push((name, self.last.map_or(Duration::ZERO, |last| now - last)));
         self.last = Some(now);
+    }
+
+    /// The stages of the frame so far, in order.
+    pub(crate) fn laps(&self) -> &[(&'static str, Duration)] {
+        &self.laps
     }
 }

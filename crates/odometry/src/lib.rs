@@ -14,6 +14,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`learned`] | [`LearnedOdometry`], [`LearnedDepth`]: the two traits of `core` on a checkpoint |
+//! | [`recurrent`] | [`RecurrentOdometry`]: the recurrent rival, in metres |
 //! | [`config`] | [`OdometryConfig`]: every limit with its origin |
 //! | [`networks`] | the networks behind plain pictures and poses |
 //! | [`history`] | keyframes, recent frames, and the window a motion is measured in |
@@ -39,6 +40,7 @@ pub mod latency;
 pub mod learned;
 pub mod networks;
 pub mod pipeline;
+pub mod recurrent;
 pub mod refine;
 pub mod reproject;
 pub mod run_folder;
@@ -49,4 +51,5 @@ pub use error::OdometryError;
 pub use latency::{LatencyAccount, Percentiles};
 pub use learned::{LearnedDepth, LearnedOdometry};
 pub use pipeline::{Account, Step, StepSink};
+pub use recurrent::RecurrentOdometry;
 pub use run_folder::{DepthFormat, RunWriter};

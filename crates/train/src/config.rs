@@ -14,6 +14,7 @@ use endoscape_core::Size;
 use endoscape_nets::{NetsConfig, TrainedInput};
 use endoscape_synthesis::ObjectiveConfig;
 use endoscape_synthesis::config::Scales;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::str::FromStr;
@@ -191,16 +192,7 @@ impl TrainConfig {
     /// # Errors
     /// [`TrainError::Run`] if the file cannot be read, is no TOML, or names a setting that does not exist.
     pub fn overlaid(&self, file: &Path) -> Result<Self, TrainError> {
-        let text = std::fs::read_to_string(file).map_err(|error| TrainError::io(file, "be read", &error))?;
-        self.overlaid_text(&text).map_err(|reason| TrainError::run(file, reason, "correct the file"))
-    }
-
-    fn overlaid_text(&self, text: &str) -> Result<Self, String> {
-        let sentence = |error: &toml::de::Error| error.message().replace('\n', " ");
-        let over: toml::Table = toml::from_str(text).map_err(|error| sentence(&error))?;
-        let mut all = toml::Table::try_from(self).map_err(|error| error.to_string())?;
-        overlay(&mut all, over);
-        all.try_into().map_err(|error: toml::de::Error| sentence(&error))
+        overlaid(self, file)
     }
 
     /// The complete configuration as text.
@@ -286,6 +278,23 @@ impl TrainConfig {
     }
 }
 
+/// `config` with the settings of a TOML file laid over it.
+///
+/// # Errors
+/// [`TrainError::Run`] if the file cannot be read, is no TOML, or names a setting that does not exist.
+pub(crate) fn overlaid<T: Serialize + DeserializeOwned>(config: &T, file: &Path) -> Result<T, TrainError> {
+    let text = std::fs::read_to_string(file).map_err(|error| TrainError::io(file, "be read", &error))?;
+    overlaid_text(config, &text).map_err(|reason| TrainError::run(file, reason, "correct the file"))
+}
+
+fn overlaid_text<T: Serialize + DeserializeOwned>(config: &T, text: &str) -> Result<T, String> {
+    let sentence = |error: &toml::de::Error| error.message().replace('\n', " ");
+    let over: toml::Table = toml::from_str(text).map_err(|error| sentence(&error))?;
+    let mut all = toml::Table::try_from(config).map_err(|error| error.to_string())?;
+    overlay(&mut all, over);
+    all.try_into().map_err(|error: toml::de::Error| sentence(&error))
+}
+
 /// Replaces what `over` names, table by table.
 fn overlay(base: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
@@ -307,14 +316,14 @@ mod tests {
         for preset in [Preset::Paper, Preset::Fast, Preset::Endo] {
             let config = TrainConfig::preset(preset);
             config.validate().unwrap();
-            assert_eq!(TrainConfig::paper().overlaid_text(&config.to_toml().unwrap()).unwrap(), config);
+            assert_eq!(overlaid_text(&TrainConfig::paper(), &config.to_toml().unwrap()).unwrap(), config);
         }
     }
 
     #[test]
     fn a_file_changes_only_what_it_names() {
         let text = "learning_rate = 1e-3\n[nets.disp]\nbeta = 0.05\n[objective]\nsmoothness_weight = 0.2";
-        let config = TrainConfig::paper().overlaid_text(text).unwrap();
+        let config = overlaid_text(&TrainConfig::paper(), text).unwrap();
         assert_eq!((config.learning_rate, config.nets.disp.beta), (1e-3, 0.05));
         assert_eq!(config.objective.smoothness_weight, 0.2);
         assert_eq!(config.nets.pose, NetsConfig::paper().pose);
@@ -323,9 +332,9 @@ mod tests {
 
     #[test]
     fn slips_are_named_in_one_sentence() {
-        let error = TrainConfig::fast().overlaid_text("learnig_rate = 1").unwrap_err();
+        let error = overlaid_text(&TrainConfig::fast(), "learnig_rate = 1").unwrap_err();
         assert!(error.contains("learnig_rate") && !error.contains('\n'), "{error}");
-        let error = TrainConfig::fast().overlaid_text("batch = ").unwrap_err();
+        let error = overlaid_text(&TrainConfig::fast(), "batch = ").unwrap_err();
         assert!(!error.contains('\n'), "{error}");
         let config = TrainConfig { width: 8, ..TrainConfig::fast() };
         assert_eq!(config.validate().unwrap_err().to_string(), "the setting `width` is 8 but must be from 32 to 4096");

@@ -19,6 +19,7 @@
 //! | [`collapse`] | notices trainings that learn nothing |
 //! | [`state`], [`run_folder`], [`transfer`] | what is on disk: going on, looking back, starting from |
 //! | [`adapt`](mod@adapt) | going on learning from new videos, never to a worse model |
+//! | [`supervised`] | the recurrent rival, trained with true poses |
 //! | `tensorboard` | curves as TensorBoard reads them |
 //!
 //! Images and formulae follow `endoscape-nets` and `endoscape-synthesis`; libraries never print, they tell
@@ -39,6 +40,7 @@ pub mod optimizer;
 pub mod run_folder;
 pub mod schedule;
 pub mod state;
+pub mod supervised;
 mod tensorboard;
 #[cfg(test)]
 mod testing;

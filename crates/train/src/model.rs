@@ -90,7 +90,7 @@ pub fn standing_motion(motion: Tensor<3>, stands: Tensor<1>) -> Tensor<1> {
 ///
 /// The optimiser files its state under parameter numbers, which are random by default: a resumed training would not
 /// find its state again.
-fn numbered(model: DepthMotionModel) -> DepthMotionModel {
+pub(crate) fn numbered<M: Module>(model: M) -> M {
     struct Numbering(u64);
     impl ModuleMapper for Numbering {
         fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {

@@ -3,7 +3,6 @@
 //! On the processor a step is one pass of our kernel over parameters, gradient and moments; elsewhere, and for the
 //! first step, it is Burn's. State and files are those of Burn's Adam.
 
-use crate::model::DepthMotionModel;
 use burn::backend::Flex;
 use burn::backend::flex::FlexTensor;
 use burn::module::{Module, ModuleVisitor, Param};
@@ -103,7 +102,7 @@ fn fused_step<const D: usize>(
 /// Shortens the gradient over all parameters together to at most `longest`, without reading it back.
 ///
 /// One factor for everything keeps the direction; limiting each parameter by itself would not.
-pub fn limit_gradient(gradients: GradientsParams, model: &DepthMotionModel, longest: f64) -> GradientsParams {
+pub fn limit_gradient(gradients: GradientsParams, model: &impl Module, longest: f64) -> GradientsParams {
     let mut squares = SumOfSquares { gradients: &gradients, sum: None };
     model.visit(&mut squares);
     let Some(sum) = squares.sum else { return gradients };

@@ -89,12 +89,17 @@ impl RunFolder {
         self.root.join("best")
     }
 
+    /// The file that the complete configuration of the run is in.
+    pub(crate) fn config_file(&self) -> PathBuf {
+        self.root.join(CONFIG)
+    }
+
     /// The complete configuration of the run.
     ///
     /// # Errors
     /// [`TrainError::Run`] if it cannot be read.
     pub fn config(&self) -> Result<TrainConfig, TrainError> {
-        TrainConfig::default().overlaid(&self.root.join(CONFIG))
+        TrainConfig::default().overlaid(&self.config_file())
     }
 
     /// What the run was made from.
@@ -114,8 +119,13 @@ impl RunFolder {
     /// # Errors
     /// [`TrainError::Run`] if they cannot be written.
     pub fn describe(&self, config: &TrainConfig, manifest: &RunManifest) -> Result<(), TrainError> {
+        self.describe_as(&config.to_toml()?, manifest)
+    }
+
+    /// As [`Self::describe`], for the configuration of any training as text.
+    pub(crate) fn describe_as(&self, config: &str, manifest: &RunManifest) -> Result<(), TrainError> {
         fs::create_dir_all(&self.root).map_err(|error| TrainError::io(&self.root, "be made", &error))?;
-        write_whole(&self.root.join(CONFIG), config.to_toml()?.as_bytes())?;
+        write_whole(&self.root.join(CONFIG), config.as_bytes())?;
         write_whole(&self.root.join(MANIFEST), &to_json(manifest)?)
     }
 }

@@ -60,13 +60,7 @@ impl TrainState {
     /// [`TrainError`] if there is none, or it is damaged.
     pub fn load(run: &RunFolder, device: &Device) -> Result<Self, TrainError> {
         let model = DepthMotionModel::from_checkpoint(Checkpoint::load(&run.latest(), device)?)?;
-        let folder = Checkpoint::folder(&run.latest());
-        let path = folder.join(PROGRESS);
-        let text = fs::read(&path).map_err(|error| TrainError::io(&path, "be read", &error))?;
-        let progress = serde_json::from_slice(&text)
-            .map_err(|error| TrainError::run(&path, format!("is no training progress ({error})"), REMEDY))?;
-        let path = folder.join(OPTIMIZER);
-        let optimizer = adam().load(&path).map_err(|error| TrainError::run(&path, error.to_string(), REMEDY))?;
+        let (optimizer, progress) = read_beside(run)?;
         Ok(Self { model, optimizer, progress })
     }
 
@@ -76,14 +70,33 @@ impl TrainState {
     /// [`TrainError`] if it cannot be written; the one before is untouched then.
     pub fn save(&self, run: &RunFolder, nets: &NetsConfig, manifest: Manifest) -> Result<(), TrainError> {
         let checkpoint = self.model.to_checkpoint(nets.clone(), manifest);
-        checkpoint.save_with(&run.latest(), |folder| self.write_beside(folder))
+        checkpoint.save_with(&run.latest(), |folder| write_beside(folder, &self.optimizer, &self.progress))
     }
+}
 
-    fn write_beside(&self, folder: &Path) -> Result<(), TrainError> {
-        write_whole(&folder.join(PROGRESS), &to_json(&self.progress)?)?;
-        let path = folder.join(OPTIMIZER);
-        self.optimizer.save(&path).map_err(|error| {
-            TrainError::run(&path, format!("cannot be written: {error}"), "free some space or choose another folder")
-        })
-    }
+/// What lies beside the weights in the last complete checkpoint of a run.
+///
+/// # Errors
+/// [`TrainError`] if it is missing or damaged.
+pub(crate) fn read_beside(run: &RunFolder) -> Result<(ModuleOptimizer, Progress), TrainError> {
+    let folder = Checkpoint::folder(&run.latest());
+    let path = folder.join(PROGRESS);
+    let text = fs::read(&path).map_err(|error| TrainError::io(&path, "be read", &error))?;
+    let progress = serde_json::from_slice(&text)
+        .map_err(|error| TrainError::run(&path, format!("is no training progress ({error})"), REMEDY))?;
+    let path = folder.join(OPTIMIZER);
+    let optimizer = adam().load(&path).map_err(|error| TrainError::run(&path, error.to_string(), REMEDY))?;
+    Ok((optimizer, progress))
+}
+
+/// Writes what a run needs beside its weights.
+///
+/// # Errors
+/// [`TrainError`] if it cannot be written.
+pub(crate) fn write_beside(folder: &Path, optimizer: &ModuleOptimizer, progress: &Progress) -> Result<(), TrainError> {
+    write_whole(&folder.join(PROGRESS), &to_json(progress)?)?;
+    let path = folder.join(OPTIMIZER);
+    optimizer.save(&path).map_err(|error| {
+        TrainError::run(&path, format!("cannot be written: {error}"), "free some space or choose another folder")
+    })
 }

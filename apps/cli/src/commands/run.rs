@@ -13,8 +13,12 @@ use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
 use endoscape_baselines::{Orb, OrbConfig};
 use endoscape_core::{Camera, Event, EventSink as _, MagneticReading, MagneticRig, Odometry, Size};
 use endoscape_frames::{Sequence, magnet};
+use endoscape_nets::RecurrentCheckpoint;
 use endoscape_odometry::pipeline::{self, Job};
-use endoscape_odometry::{Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RunWriter};
+use endoscape_odometry::{
+    Account, DepthFormat, LearnedOdometry, OdometryConfig, Percentiles, RecurrentOdometry, RunWriter,
+};
+use endoscape_train::model_folder;
 use serde::Serialize;
 use signal_hook::consts::SIGINT;
 use std::collections::BTreeMap;
@@ -43,8 +47,8 @@ const METRES: &str = "metres";
 pub struct Args {
     #[command(flatten)]
     input: InputArgs,
-    /// How motion is estimated: learned, direct (from brightness, without a model), orb (from corners, in builds with the
-    /// feature orb), magnetic (from the readings of a sequence folder's magnet.csv) or fused (those readings with the
+    /// How motion is estimated: learned, recurrent (trained with true poses, in metres), direct (from brightness, without
+    /// a model), orb (from corners, in builds with the feature orb), magnetic (from the readings of a sequence folder's magnet.csv) or fused (those readings with the
     /// learned method where --model is given, else with the direct one).
     #[arg(long, value_name = "NAME", default_value = "learned")]
     method: Method,
@@ -85,6 +89,7 @@ pub struct Args {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Method {
     Learned,
+    Recurrent,
     Direct,
     Orb,
     Magnetic,
@@ -114,6 +119,7 @@ impl Method {
     const fn name(self) -> &'static str {
         match self {
             Self::Learned => "learned",
+            Self::Recurrent => "recurrent",
             Self::Direct => "direct",
             Self::Orb => "orb",
             Self::Magnetic => "magnetic",
@@ -128,13 +134,14 @@ impl FromStr for Method {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "learned" => Ok(Self::Learned),
+            "recurrent" => Ok(Self::Recurrent),
             "direct" => Ok(Self::Direct),
             "orb" if cfg!(feature = "orb") => Ok(Self::Orb),
             "orb" => Err("ORB SLAM is not in this build of endoscape; build it with --features orb".into()),
             "magnetic" => Ok(Self::Magnetic),
             "fused" => Ok(Self::Fused),
             _ => Err(format!(
-                "`{text}` is no method of this build of endoscape; it has: learned, direct, magnetic, fused{}",
+                "`{text}` is no method of this build of endoscape; it has: learned, recurrent, direct, magnetic, fused{}",
                 if cfg!(feature = "orb") { ", orb" } else { "" }
             )),
         }
@@ -271,6 +278,7 @@ impl Args {
     fn prepare(&self, sequence: &Sequence) -> anyhow::Result<Prepared> {
         match self.method {
             Method::Learned => self.prepare_learned(),
+            Method::Recurrent => self.prepare_recurrent(),
             Method::Direct => prepare_direct(sequence),
             Method::Orb => prepare_orb(sequence, self.preset),
             Method::Magnetic => prepare_magnetic(sequence, self.range.clone()),
@@ -295,9 +303,7 @@ impl Args {
     }
 
     fn prepare_learned(&self) -> anyhow::Result<Prepared> {
-        let Some(model) = &self.model else {
-            bail!("the learned method needs a model; name a training run or checkpoint with --model");
-        };
+        let model = self.needed_model(Method::Learned)?;
         let device = self.device.device.open()?;
         let (checkpoint, config) = model::load(model, self.size, &device)?;
         let config = OdometryConfig { refine: !self.networks_only, ..config };
@@ -308,6 +314,28 @@ impl Args {
             odometry: Box::new(LearnedOdometry::new(checkpoint, config, &device)?),
             readings: None,
             unit: "of the training, not metres",
+        })
+    }
+
+    /// Motions in metres by the network that was trained with true poses.
+    fn prepare_recurrent(&self) -> anyhow::Result<Prepared> {
+        let model = self.needed_model(Method::Recurrent)?;
+        let device = self.device.device.open()?;
+        let checkpoint = RecurrentCheckpoint::load(&model_folder(model), &device)?;
+        let odometry = RecurrentOdometry::new(checkpoint, self.size, &device)?;
+        Ok(Prepared {
+            model: Some(model.display().to_string()),
+            lost_below: LOST_BELOW,
+            settings: serde_json::json!({ "size": odometry.size(), "unit_m": odometry.unit_m() }),
+            odometry: Box::new(odometry),
+            readings: None,
+            unit: METRES,
+        })
+    }
+
+    fn needed_model(&self, method: Method) -> anyhow::Result<&Path> {
+        self.model.as_deref().with_context(|| {
+            format!("the {} method needs a model; name a training run or checkpoint with --model", method.name())
         })
     }
 

@@ -1,26 +1,33 @@
-//! `endoscape train`: depth and motion from unlabelled video.
+//! `endoscape train`: depth and motion from unlabelled video, or motion alone from true poses.
 
 use crate::device::DeviceArgs;
 use crate::input::{InputArgs, SimcolMatrix, parse_field_of_view, parse_range, parse_size};
 use crate::progress::Progress;
+use anyhow::bail;
 use endoscape_core::{Event, EventSink as _, Size};
+use endoscape_train::supervised::{self, PosedClip, SupervisedConfig, SupervisedJob, load_posed};
 use endoscape_train::{
     Preset, RunFolder, SnippetDataset, Source, Summary, TrainConfig, TrainJob, load_clips, model_folder, resume, train,
 };
+use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Learn depth and motion together from video without labels.
+/// Learn depth and motion together from video without labels; with --supervised, motion from true poses.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   endoscape train --data recordings/c3vd/cecum_t1_a@0..120 phantom.mp4 --hfov 90 --out run --minutes 20
   endoscape train --data recordings/patient --init run --preset endo --out second
-  endoscape train --data recordings/patient --out second --resume")]
+  endoscape train --data recordings/patient --out second --resume
+  endoscape train --supervised --data patients/* --validation patient --out recurrent --minutes 15")]
 pub struct Args {
     /// Videos, folders or sequences to learn from; PATH@A..B takes frames A to B - 1 only.
     #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
     data: Vec<String>,
+    /// Train the recurrent network on sequences with true poses, for endoscape run --method recurrent.
+    #[arg(long, conflicts_with_all = ["preset", "gap", "camera", "hfov"])]
+    supervised: bool,
     /// Folder of the run; it must not exist or be empty, unless resumed.
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
@@ -73,6 +80,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut progress = Progress::new();
     // A slip in the name of the folder must not cost the time of reading all frames.
     let run = if args.resume { RunFolder::open(&args.out)? } else { RunFolder::fresh(&args.out)? };
+    if args.is_supervised(&run)? {
+        return args.train_supervised(&run, &mut progress);
+    }
     let config = args.configuration(&run)?;
     config.validate()?;
     let judged_apart = !args.validation.is_empty();
@@ -85,7 +95,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let device_name = args.device.device.to_string();
     let job = TrainJob { config, data, validation, init, device, device_name };
     let begin = if args.resume { resume } else { train };
-    report(&args.out, &begin(&job, &run, &mut progress)?)
+    let Summary { steps, elapsed_s, scores, best } = begin(&job, &run, &mut progress)?;
+    report(&args.out, (steps, elapsed_s), &scores.named(), &best)
 }
 
 impl Args {
@@ -96,12 +107,7 @@ impl Args {
             (false, None) => TrainConfig::preset(self.preset),
             (false, Some(file)) => TrainConfig::preset(self.preset).overlaid(file)?,
         };
-        if let Some(steps) = self.steps {
-            (config.steps, config.minutes) = (steps, 0.0);
-        }
-        if let Some(minutes) = self.minutes {
-            (config.steps, config.minutes) = (0, minutes);
-        }
+        (config.steps, config.minutes) = self.budget((config.steps, config.minutes));
         if let Some(size) = self.size {
             (config.width, config.height) = (size.width, size.height);
         }
@@ -111,6 +117,72 @@ impl Args {
         Ok(config)
     }
 
+    /// Whether the run is to be, or was, a supervised one.
+    fn is_supervised(&self, run: &RunFolder) -> anyhow::Result<bool> {
+        let was = self.resume && supervised::is_supervised(run);
+        if self.resume && self.supervised && !was {
+            bail!("{}: holds no supervised training run to resume; leave out --supervised", self.out.display());
+        }
+        Ok(was || self.supervised)
+    }
+
+    fn train_supervised(&self, run: &RunFolder, progress: &mut Progress) -> anyhow::Result<()> {
+        let device = self.device.device.open()?;
+        let config = self.supervised_configuration(run)?;
+        config.validate()?;
+        let data = self.posed(&self.data, &config, progress)?;
+        let judged_apart = !self.validation.is_empty();
+        let validation = judged_apart.then(|| self.posed(&self.validation, &config, progress)).transpose()?;
+        let init = self.init.as_deref().map(model_folder);
+        let device_name = self.device.device.to_string();
+        let job = SupervisedJob { config, data, validation, init, device, device_name };
+        let begin = if self.resume { supervised::resume } else { supervised::train };
+        let summary = begin(&job, run, progress)?;
+        report(&self.out, (summary.steps, summary.elapsed_s), &summary.scores.named(), &summary.best)
+    }
+
+    /// As [`Self::configuration`].
+    fn supervised_configuration(&self, run: &RunFolder) -> anyhow::Result<SupervisedConfig> {
+        let mut config = match (self.resume, &self.config) {
+            (true, _) => supervised::config_of(run)?,
+            (false, None) => SupervisedConfig::default(),
+            (false, Some(file)) => SupervisedConfig::default().overlaid(file)?,
+        };
+        (config.steps, config.minutes) = self.budget((config.steps, config.minutes));
+        if let Some(size) = self.size {
+            (config.width, config.height) = (size.width, size.height);
+        }
+        config.batch = self.batch.unwrap_or(config.batch);
+        config.seed = self.seed.unwrap_or(config.seed);
+        Ok(config)
+    }
+
+    /// Steps and minutes to train, where flags say so.
+    fn budget(&self, configured: (u64, f64)) -> (u64, f64) {
+        match (self.steps, self.minutes) {
+            (Some(steps), _) => (steps, 0.0),
+            (None, Some(minutes)) => (0, minutes),
+            (None, None) => configured,
+        }
+    }
+
+    fn posed(
+        &self,
+        inputs: &[String],
+        config: &SupervisedConfig,
+        progress: &mut Progress,
+    ) -> anyhow::Result<Vec<PosedClip>> {
+        Ok(load_posed(&self.sources(inputs, progress)?, config.size(), config.memory_mib, progress)?)
+    }
+
+    /// Opens all inputs and tells what they warn of.
+    fn sources(&self, inputs: &[String], progress: &mut Progress) -> anyhow::Result<Vec<Source>> {
+        let sources = inputs.iter().map(|input| self.source(input)).collect::<anyhow::Result<Vec<_>>>()?;
+        let warnings = sources.iter().flat_map(|source| &source.sequence.warnings);
+        warnings.for_each(|warning| progress.event(Event::Warned(warning.clone())));
+        Ok(sources)
+    }
+
     fn dataset(
         &self,
         inputs: &[String],
@@ -118,10 +190,8 @@ impl Args {
         with_depth: bool,
         progress: &mut Progress,
     ) -> anyhow::Result<Arc<SnippetDataset>> {
-        let sources = inputs.iter().map(|input| self.source(input)).collect::<anyhow::Result<Vec<_>>>()?;
-        let warnings = sources.iter().flat_map(|source| &source.sequence.warnings);
-        warnings.for_each(|warning| progress.event(Event::Warned(warning.clone())));
-        let clips = load_clips(&sources, config.size(), with_depth, config.memory_mib, progress)?;
+        let clips =
+            load_clips(&self.sources(inputs, progress)?, config.size(), with_depth, config.memory_mib, progress)?;
         Ok(Arc::new(SnippetDataset::new(clips, config.snippet_length(), &config.gap, progress)?))
     }
 
@@ -138,12 +208,16 @@ impl Args {
     }
 }
 
-fn report(out: &Path, summary: &Summary) -> anyhow::Result<()> {
-    let Summary { steps, elapsed_s, scores, best } = summary;
-    let rate = *steps as f64 / elapsed_s.max(1e-9);
+fn report(
+    out: &Path,
+    (steps, elapsed_s): (u64, f64),
+    scores: &BTreeMap<String, f64>,
+    best: &Path,
+) -> anyhow::Result<()> {
+    let rate = steps as f64 / elapsed_s.max(1e-9);
     let mut text =
         format!("{}: {steps} steps in {:.1} minutes, {rate:.2} per second\n", out.display(), elapsed_s / 60.0);
-    for (name, value) in scores.named() {
+    for (name, value) in scores {
         text += &format!("  {name:<15}{value:.5}\n");
     }
     writeln!(std::io::stdout(), "{text}  best checkpoint {}", best.display())?;
