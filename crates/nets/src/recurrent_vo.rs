@@ -122,7 +122,7 @@ impl RecurrentVoConfig {
     /// As [`Self::validate`].
     pub fn init(&self, seed: u64, device: &Device) -> Result<RecurrentVo, NetsError> {
         self.validate()?;
-        let layers = LayerFactory::new(Padding::Symmetric, false, seed, device);
+        let layers = LayerFactory::new(Padding::Symmetric, false, Some(seed), device);
         let mut numbers = ChaCha8Rng::seed_from_u64(seed);
         numbers.set_stream(LINEAR_STREAM);
         Ok(RecurrentVo {
