@@ -172,6 +172,7 @@ fn batch(count: usize, size: Size, config: &ObjectiveConfig, device: &Device) ->
         views: ViewBatch { target: view(), sources: vec![view(), view()], cameras },
         depth_inputs: (0..3).map(|_| picture()).collect(),
         motion_inputs: (0..3).map(|_| picture()).collect(),
+        stands: Tensor::zeros([count], device),
     })
 }
 
