@@ -7,7 +7,8 @@
 //! | [`sampling`] | pictures read between their pixels, forward and backward |
 //! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
 //! | [`AdamStep`] | the optimiser in one pass |
-//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights and of the bias |
+//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights |
+//! | [`bias_gradient`], [`relu_bias_gradient`] | the gradient of the bias, and of a ReLU in the same pass |
 //! | [`level`] | [`Level`]: which vector instructions are used |
 //!
 //! Pictures are `[batch, channels, height, width]`, `f32`, contiguous. A transposed convolution is the data gradient
@@ -21,6 +22,7 @@ pub mod correlation;
 mod enlarge;
 pub mod geometry;
 pub mod level;
+mod memory;
 pub mod photometric;
 mod planes;
 mod points;
@@ -28,9 +30,10 @@ pub mod sampling;
 #[cfg(test)]
 mod tests;
 mod tile;
+mod transpose;
 pub mod weight_gradient;
 
-pub use activation::relu_gradient;
+pub use activation::{bias_gradient, relu_bias_gradient};
 pub use adam::AdamStep;
 pub use correlation::{Correlation, Epilogue, Method, PackedWeights, Workspace};
 pub use enlarge::enlarge;
@@ -38,4 +41,4 @@ pub use geometry::Geometry;
 pub use level::Level;
 pub use photometric::Comparison;
 pub use sampling::Sampling;
-pub use weight_gradient::{GradientWorkspace, bias_gradient, weight_gradient};
+pub use weight_gradient::{GradientWorkspace, weight_gradient};

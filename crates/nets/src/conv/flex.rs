@@ -8,7 +8,8 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::{Autodiff, Flex, TensorMetadata};
 use burn::tensor::{DType, Shape, Tensor, TensorData};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, bias_gradient, weight_gradient};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, PackedWeights, Workspace};
+use endoscape_kernels::{bias_gradient, relu_bias_gradient, weight_gradient};
 use std::borrow::Cow;
 use std::cell::Cell;
 
@@ -40,6 +41,7 @@ impl Direction {
 /// Memory of a thread that is used again from layer to layer.
 #[derive(Default)]
 struct Memory {
+    packed: PackedWeights,
     pictures: Workspace,
     gradients: GradientWorkspace,
 }
@@ -133,8 +135,10 @@ impl Product {
         let batch = input.len() / from.iter().product::<usize>();
         let mut output = vec![0.0; batch * to.iter().product::<usize>()];
         let correlation = direction.correlation(&self.geometry);
-        let packed = correlation.pack(weight);
-        with_memory(|memory| correlation.run(input, &packed, epilogue, &mut output, &mut memory.pictures));
+        with_memory(|Memory { packed, pictures, .. }| {
+            correlation.pack_into(weight, packed);
+            correlation.run(input, packed, epilogue, &mut output, pictures);
+        });
         tensor(output, [batch, to[0], to[1], to[2]])
     }
 
@@ -152,10 +156,17 @@ impl Product {
         tensor(weights, [small_channels, large_channels, kernel, kernel])
     }
 
-    fn bias_gradient(&self, gradient: &[f32]) -> FlexTensor {
+    /// Takes the gradient back through the ReLU, if there is one, and sums it up for the bias.
+    fn bias_gradient(&self, gradient: &mut FlexTensor, output: Option<&FlexTensor>) -> FlexTensor {
         let [_, [channels, height, width]] = self.extents();
-        let mut bias = vec![0.0; channels];
-        bias_gradient(gradient, height * width, &mut bias);
+        let (area, mut bias) = (height * width, vec![0.0; channels]);
+        match (output, gradient.layout().contiguous_offsets()) {
+            (Some(output), Some((start, end))) => {
+                let gradient = &mut gradient.storage_mut::<f32>()[start..end];
+                relu_bias_gradient(gradient, &values(output), area, &mut bias);
+            }
+            _ => bias_gradient(&values(gradient), area, &mut bias),
+        }
         tensor(bias, [channels])
     }
 }
@@ -176,9 +187,7 @@ impl Backward<Flex, 3> for Product {
         // Of concatenated features this is a part, which does not lie together.
         let mut gradient = gradients.consume::<Flex>(&ops.node).to_contiguous();
         let Kept { input, weight, output } = ops.state;
-        if let (Some(output), Some((start, end))) = (output, gradient.layout().contiguous_offsets()) {
-            endoscape_kernels::relu_gradient(&mut gradient.storage_mut::<f32>()[start..end], &values(&output));
-        }
+        let bias = self.bias_gradient(&mut gradient, output.as_ref());
         let gradient = values(&gradient);
         let [input_node, weight_node, bias_node] = ops.parents;
         if let Some(node) = input_node {
@@ -189,7 +198,7 @@ impl Backward<Flex, 3> for Product {
             gradients.register::<Flex>(node.id, self.weight_gradient(&values(&input), &gradient));
         }
         if let Some(node) = bias_node {
-            gradients.register::<Flex>(node.id, self.bias_gradient(&gradient));
+            gradients.register::<Flex>(node.id, bias);
         }
     }
 }
