@@ -27,6 +27,8 @@ const SIDE: usize = 2 * PATCH + 1;
 #[derive(Clone, Debug)]
 pub struct Thumbnail {
     luma: Grid<f32>,
+    /// Mean brightness of the patch around each pixel; not a number where the picture ends.
+    means: Grid<f32>,
     usable: Grid<bool>,
 }
 
@@ -38,8 +40,28 @@ impl Thumbnail {
             (luma, usable) =
                 (halved(&luma, |a| 0.25 * a.iter().sum::<f32>()), halved(&usable, |a| a.iter().all(|u| *u)));
         }
-        Self { luma, usable }
+        Self { means: Grid::from_fn(luma.size(), |x, y| patch_mean(&luma, x, y)), luma, usable }
     }
+
+    /// Rows of the patch around a pixel, which lies within the picture.
+    fn patch(&self, x: usize, y: usize) -> impl Iterator<Item = &[f32]> {
+        (y - PATCH..=y + PATCH).map(move |row| &self.luma.row(row)[x - PATCH..=x + PATCH])
+    }
+
+    /// Mean brightness of the patch around a pixel; `None` where the picture ends.
+    fn mean(&self, x: isize, y: isize) -> Option<f32> {
+        let mean = *self.means.get(usize::try_from(x).ok()?, usize::try_from(y).ok()?)?;
+        mean.is_finite().then_some(mean)
+    }
+}
+
+fn patch_mean(luma: &Grid<f32>, x: usize, y: usize) -> f32 {
+    let size = luma.size();
+    if x < PATCH || y < PATCH || x + PATCH >= size.width || y + PATCH >= size.height {
+        return f32::NAN;
+    }
+    let rows = (y - PATCH..=y + PATCH).flat_map(|row| &luma.row(row)[x - PATCH..=x + PATCH]);
+    rows.sum::<f32>() / (SIDE * SIDE) as f32
 }
 
 /// Median displacement between two frames as a share of the picture's width; `None` where too little is recognised.
@@ -78,14 +100,12 @@ fn follow(a: &Thumbnail, b: &Thumbnail, x: usize, y: usize) -> Option<f32> {
     if !*a.usable.get(x, y)? {
         return None;
     }
-    let patch = Patch::at(&a.luma, x as isize, y as isize)?;
+    let patch = Patch::at(a, x, y)?;
     let texture = patch.0.iter().map(|value| value.abs()).sum::<f32>() / patch.0.len() as f32;
     if texture < LEAST_TEXTURE {
         return None;
     }
-    let cost = |dx: isize, dy: isize| {
-        Patch::at(&b.luma, x as isize + dx, y as isize + dy).map_or(f32::INFINITY, |other| patch.difference(&other))
-    };
+    let cost = |dx: isize, dy: isize| patch.difference(b, x as isize + dx, y as isize + dy);
     let offsets = (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| (dx, dy)));
     let costs = offsets.map(|(dx, dy)| (cost(dx, dy), dx, dy));
     let (best, dx, dy) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -108,24 +128,26 @@ fn valley(left: f32, middle: f32, right: f32) -> f32 {
 struct Patch([f32; SIDE * SIDE]);
 
 impl Patch {
-    fn at(grid: &Grid<f32>, x: isize, y: isize) -> Option<Self> {
-        let (x, y) = (usize::try_from(x).ok()?, usize::try_from(y).ok()?);
-        let size = grid.size();
-        if x < PATCH || y < PATCH || x + PATCH >= size.width || y + PATCH >= size.height {
-            return None;
-        }
+    fn at(picture: &Thumbnail, x: usize, y: usize) -> Option<Self> {
+        let mean = picture.mean(x as isize, y as isize)?;
         let mut values = [0.0; SIDE * SIDE];
-        for (row, chunk) in values.chunks_exact_mut(SIDE).enumerate() {
-            chunk.copy_from_slice(&grid.row(y - PATCH + row)[x - PATCH..=x + PATCH]);
+        for (chunk, row) in values.chunks_exact_mut(SIDE).zip(picture.patch(x, y)) {
+            chunk.iter_mut().zip(row).for_each(|(value, luma)| *value = luma - mean);
         }
-        let mean = values.iter().sum::<f32>() / values.len() as f32;
-        values.iter_mut().for_each(|value| *value -= mean);
         Some(Self(values))
     }
 
-    /// Mean absolute difference.
-    fn difference(&self, other: &Self) -> f32 {
-        self.0.iter().zip(&other.0).map(|(a, b)| (a - b).abs()).sum::<f32>() / self.0.len() as f32
+    /// Mean absolute difference to the patch around a pixel of another picture; infinite where that ends.
+    fn difference(&self, other: &Thumbnail, x: isize, y: isize) -> f32 {
+        let Some(mean) = other.mean(x, y) else { return f32::INFINITY };
+        // A sum for each column: they do not wait for each other.
+        let mut sums = [0.0_f32; SIDE];
+        for (own, row) in self.0.chunks_exact(SIDE).zip(other.patch(x as usize, y as usize)) {
+            for ((sum, own), luma) in sums.iter_mut().zip(own).zip(row) {
+                *sum += (own - (luma - mean)).abs();
+            }
+        }
+        sums.iter().sum::<f32>() / self.0.len() as f32
     }
 }
 

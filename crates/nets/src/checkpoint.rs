@@ -210,13 +210,13 @@ impl Checkpoint {
             Network::Disp => {
                 self.config.disp.validate().map_err(impossible)?;
                 check_size(self.config.disp.parameter_count(), &arrays).map_err(mismatch)?;
-                let net = self.disp.insert(self.config.disp.init(0, device)?);
+                let net = self.disp.insert(self.config.disp.build(None, device)?);
                 apply(net, arrays, naming::disp_net).map_err(mismatch)
             }
             Network::Pose => {
                 self.config.pose.validate().map_err(impossible)?;
                 check_size(self.config.pose.parameter_count(), &arrays).map_err(mismatch)?;
-                let net = self.pose.insert(self.config.pose.init(0, device)?);
+                let net = self.pose.insert(self.config.pose.build(None, device)?);
                 apply(net, arrays, naming::pose_mask_net).map_err(mismatch)
             }
         }

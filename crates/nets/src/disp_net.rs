@@ -93,6 +93,11 @@ impl DispNetConfig {
     /// # Errors
     /// As [`Self::validate`].
     pub fn init(&self, seed: u64, device: &Device) -> Result<DispNet, NetsError> {
+        self.build(Some(seed), device)
+    }
+
+    /// With weights of zero where there is no seed: for those of a file.
+    pub(crate) fn build(&self, seed: Option<u64>, device: &Device) -> Result<DispNet, NetsError> {
         self.validate()?;
         let layers = LayerFactory::new(self.padding, self.batch_norm, seed, device);
         let encoder = std::array::from_fn(|stage| {

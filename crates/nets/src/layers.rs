@@ -56,12 +56,14 @@ pub(crate) struct LayerFactory<'a> {
     padding: Padding,
     batch_norm: bool,
     device: &'a Device,
-    numbers: RefCell<ChaCha8Rng>,
+    /// `None` leaves all weights zero: those of a file will replace them.
+    numbers: Option<RefCell<ChaCha8Rng>>,
 }
 
 impl<'a> LayerFactory<'a> {
-    pub fn new(padding: Padding, batch_norm: bool, seed: u64, device: &'a Device) -> Self {
-        Self { padding, batch_norm, device, numbers: RefCell::new(ChaCha8Rng::seed_from_u64(seed)) }
+    pub fn new(padding: Padding, batch_norm: bool, seed: Option<u64>, device: &'a Device) -> Self {
+        let numbers = seed.map(|seed| RefCell::new(ChaCha8Rng::seed_from_u64(seed)));
+        Self { padding, batch_norm, device, numbers }
     }
 
     /// Convolution, normalisation if switched on, ReLU.
@@ -107,7 +109,10 @@ impl<'a> LayerFactory<'a> {
     fn xavier(&self, shape: [usize; 4]) -> Param<Tensor<4>> {
         let fans = (shape[0] + shape[1]) * shape[2] * shape[3];
         let bound = (6.0 / fans as f64).sqrt() as f32;
-        let mut numbers = self.numbers.borrow_mut();
+        let Some(numbers) = &self.numbers else {
+            return Param::from_tensor(Tensor::zeros(shape, self.device));
+        };
+        let mut numbers = numbers.borrow_mut();
         let weights = (0..shape.iter().product()).map(|_| bound * (2.0 * numbers.random::<f32>() - 1.0)).collect();
         Param::from_data(TensorData::new::<f32, _>(weights, shape), self.device)
     }
@@ -194,7 +199,7 @@ mod tests {
     #[test]
     fn weights_fill_the_xavier_range_and_biases_are_zero() {
         let device = Device::flex();
-        let layers = LayerFactory::new(Padding::Symmetric, false, 0, &device);
+        let layers = LayerFactory::new(Padding::Symmetric, false, Some(0), &device);
         // Fans 8 * 25 and 16 * 25, by hand: sqrt(6 / 600) = 0.1.
         let conv = layers.conv([8, 16], 5, 2);
         let up = layers.up_block([16, 8], 5).conv;
@@ -211,7 +216,7 @@ mod tests {
         // 1 2 (padding 1, output padding 1), TensorFlow 0 1 (the adjoint of padding 0 before, 1 after).
         let device = Device::flex();
         for (padding, kept) in [(Padding::Symmetric, [1.0, 2.0]), (Padding::Same, [0.0, 1.0])] {
-            let layers = LayerFactory::new(padding, false, 0, &device);
+            let layers = LayerFactory::new(padding, false, Some(0), &device);
             let mut block = layers.up_block([1, 1], 3);
             let kernel = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]];
             block.conv.weight = Param::from_data([[kernel]], &device);
@@ -227,7 +232,7 @@ mod tests {
         let device = Device::flex();
         let row: Tensor<4> = Tensor::from_data([[[[1.0, 2.0, 3.0, 4.0]]]], &device);
         for (padding, sums) in [(Padding::Same, [6.0, 7.0]), (Padding::Symmetric, [3.0, 9.0])] {
-            let layers = LayerFactory::new(padding, false, 0, &device);
+            let layers = LayerFactory::new(padding, false, Some(0), &device);
             let mut block = layers.block([1, 1], 3, 2);
             block.conv.weight = Param::from_data([[[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]], &device);
             // A single row has odd height: both flavours pad it by one above and below.

@@ -143,6 +143,11 @@ impl PoseMaskNetConfig {
     /// # Errors
     /// As [`Self::validate`].
     pub fn init(&self, seed: u64, device: &Device) -> Result<PoseMaskNet, NetsError> {
+        self.build(Some(seed), device)
+    }
+
+    /// With weights of zero where there is no seed: for those of a file.
+    pub(crate) fn build(&self, seed: Option<u64>, device: &Device) -> Result<PoseMaskNet, NetsError> {
         self.validate()?;
         let layers = LayerFactory::new(self.padding, self.batch_norm, seed, device);
         Ok(PoseMaskNet {

@@ -22,6 +22,7 @@
 
 use crate::refine::Contrast;
 use crate::scale::Scale;
+use endoscape_baselines::direct::align::Reference;
 use endoscape_core::{Grid, Image, Pose};
 use endoscape_frames::parallax::{Thumbnail, displacement};
 use std::collections::VecDeque;
@@ -40,7 +41,7 @@ pub struct View {
     pub position: usize,
     /// The picture at the networks' size.
     pub image: Arc<Image>,
-    /// For refining motions; `None` where they are not.
+    /// For refining the motion to it from a later anchor: kept with keyframes only, being larger than the picture.
     pub contrast: Option<Arc<Contrast>>,
     /// Its pose in the unit of the sequence.
     pub world_from_camera: Pose,
@@ -59,6 +60,8 @@ pub struct Keyframe {
     pub depth: Arc<Grid<f32>>,
     /// From that unit to the unit of the sequence.
     pub scale: Scale,
+    /// For refining the motions from it; `None` where they are not.
+    pub reference: Option<Arc<Reference>>,
     /// Frames before it, oldest first.
     before: Vec<View>,
     /// The keyframe it was measured against.
@@ -116,14 +119,14 @@ impl Keyframe {
         depth: Arc<Grid<f32>>,
         scale: Scale,
     ) -> Self {
-        Self { view, luma, thumbnail, depth, scale, before: Vec::new(), previous: None }
+        Self { view, luma, thumbnail, depth, scale, reference: None, before: Vec::new(), previous: None }
     }
 }
 
 impl History {
     /// Begins with the first usable frame.
     pub fn new(first: Keyframe, spacing: Spacing) -> Self {
-        let recent = VecDeque::from([first.view.clone()]);
+        let recent = VecDeque::from([View { contrast: None, ..first.view.clone() }]);
         Self { spacing, anchor: first.clone(), latest: first, recent, usual_gap: 1 }
     }
 
@@ -192,7 +195,7 @@ impl History {
         if self.recent.len() == REMEMBERED {
             self.recent.pop_front();
         }
-        self.recent.push_back(view);
+        self.recent.push_back(View { contrast: None, ..view });
     }
 }
 

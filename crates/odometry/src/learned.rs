@@ -12,8 +12,8 @@ use crate::config::OdometryConfig;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
 use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
-use crate::refine::{Contrast, refined};
-use crate::reproject::{LATTICE, Moved, Reprojector, bilinear};
+use crate::refine::{Contrast, Refiner};
+use crate::reproject::{LATTICE, Moved, Reprojector, bilinear, stretched};
 use crate::scale::{Scale, ratio};
 use burn::tensor::Device;
 use endoscape_core::{
@@ -22,7 +22,6 @@ use endoscape_core::{
 use endoscape_frames::parallax::Thumbnail;
 use endoscape_frames::preprocess::resize;
 use endoscape_nets::Checkpoint;
-use nalgebra::Point2;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -83,19 +82,6 @@ impl DepthEstimator for LearnedDepth {
     }
 }
 
-/// A dense map at another size, bilinear, edges to edges.
-pub(crate) fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
-    let old = map.size();
-    if old == size {
-        return map.clone();
-    }
-    let place = |at: usize, new: usize, old: usize| (at as f64 + 0.5) * old as f64 / new as f64 - 0.5;
-    Grid::from_fn(size, |x, y| {
-        let at = Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
-        bilinear(map, &at).unwrap_or(0.0) as f32
-    })
-}
-
 /// Poses and depth of the frames of one stream, in time order.
 pub struct LearnedOdometry {
     depth: LearnedDepth,
@@ -122,6 +108,8 @@ struct Lens {
     lattice: Reprojector,
     /// For maps.
     dense: Reprojector,
+    /// For sharpening motions, where that is wanted.
+    refiner: Option<Refiner>,
 }
 
 /// The frame under work.
@@ -185,9 +173,8 @@ impl LearnedOdometry {
         let mut tracked = match flaw {
             Some(flaw) => self.without_sight(flaw),
             None => {
-                let compares = self.config.refine && self.lens.is_some();
-                let contrast = compares.then(|| Contrast::new(&frame.image)).transpose()?.map(Arc::new);
-                self.with_sight(image, contrast, luma.clone())
+                let contrast = self.refiner().map(|refiner| refiner.contrast(&frame.image)).transpose()?;
+                self.with_sight(image, contrast.map(Arc::new), luma.clone())
             }
         };
         let size = map_size(frame.image.size(), self.config.size);
@@ -206,7 +193,13 @@ impl LearnedOdometry {
         }
         let lens = |camera: &Arc<Camera>| {
             let reprojector = |count| Reprojector::new(camera, self.config.size, count);
-            Ok(Lens { camera: camera.clone(), lattice: reprojector(LATTICE)?, dense: reprojector(usize::MAX)? })
+            let refiner = self.config.refine.then(|| Refiner::new(camera)).transpose()?;
+            Ok(Lens {
+                camera: camera.clone(),
+                lattice: reprojector(LATTICE)?,
+                dense: reprojector(usize::MAX)?,
+                refiner,
+            })
         };
         let impossible = |error: endoscape_core::CameraError| TrackError::Unsuitable {
             method: NAME,
@@ -215,6 +208,10 @@ impl LearnedOdometry {
         };
         self.lens = camera.map(lens).transpose().map_err(impossible)?;
         Ok(())
+    }
+
+    fn refiner(&self) -> Option<&Refiner> {
+        self.lens.as_ref()?.refiner.as_ref()
     }
 
     /// A repeated picture repeats the answer, any other flawed one leaves only a guess.
@@ -240,7 +237,7 @@ impl LearnedOdometry {
     /// The first usable frame has the latest known pose; usually it is the first of all and makes the world.
     fn begin(&mut self, present: &Present) -> Tracked {
         let view = present.view(self.path.pose());
-        let keyframe = present.keyframe(view, Scale::default());
+        let keyframe = present.keyframe(view, Scale::default(), self.refiner());
         let OdometryConfig { fixed_gap, least_displacement, .. } = self.config;
         let side = self.motion.side();
         self.history = Some(History::new(keyframe, Spacing { side, fixed_gap, least_displacement }));
@@ -319,11 +316,11 @@ impl LearnedOdometry {
     /// The motion from the anchor as the pictures have it; `guess`, the network's, where they do not say. `expected` is
     /// the pose the camera has if it goes on as before.
     fn sharpened(&self, anchor: &Keyframe, picture: Option<&Contrast>, [guess, expected]: [Pose; 2]) -> Pose {
-        let pictures = anchor.view.contrast.as_deref().zip(picture);
-        let Some(((reference, current), lens)) = pictures.zip(self.lens.as_ref()) else { return guess };
+        let compared = anchor.reference.as_deref().zip(picture);
+        let Some(((reference, current), refiner)) = compared.zip(self.refiner()) else { return guess };
         let expected_from_anchor = expected.inverse() * anchor.view.world_from_camera;
         let expected = chain::scaled(&expected_from_anchor, 1.0 / anchor.scale.factor());
-        refined((reference, &anchor.depth), current, &lens.camera, &[guess, expected]).unwrap_or(guess)
+        refiner.refined(reference, current, &[guess, expected]).unwrap_or(guess)
     }
 
     /// Chains the motion and remembers the frame.
@@ -340,7 +337,7 @@ impl LearnedOdometry {
         let world_from_camera = chain::renormalised(anchor.view.world_from_camera * anchor_from_frame);
         self.path.arrive(world_from_camera);
         let view = present.view(world_from_camera);
-        let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale));
+        let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale, self.refiner()));
         history.remember(view, keyframe);
         let confidence = likeness * self.agreement;
         Tracked {
@@ -407,8 +404,13 @@ impl Present {
         View { position: self.position, image: self.image.clone(), contrast: self.contrast.clone(), world_from_camera }
     }
 
-    fn keyframe(&self, view: View, scale: Scale) -> Keyframe {
-        Keyframe::new(view, self.luma.clone(), self.thumbnail.clone(), self.depth.clone(), scale)
+    fn keyframe(&self, view: View, scale: Scale, refiner: Option<&Refiner>) -> Keyframe {
+        let sharp = refiner.zip(self.contrast.as_deref());
+        let reference = sharp.map(|(refiner, contrast)| Arc::new(refiner.reference(contrast, &self.depth)));
+        let (luma, thumbnail, depth) = (self.luma.clone(), self.thumbnail.clone(), self.depth.clone());
+        let mut keyframe = Keyframe::new(view, luma, thumbnail, depth, scale);
+        keyframe.reference = reference;
+        keyframe
     }
 }
 

@@ -93,6 +93,19 @@ pub fn bilinear(grid: &Grid<f32>, at: &Point2<f64>) -> Option<f64> {
     Some(mix(grid.row(top)) * (1.0 - down) + mix(grid.row(low)) * down)
 }
 
+/// A dense map at another size, bilinear, edges to edges.
+pub(crate) fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
+    let old = map.size();
+    if old == size {
+        return map.clone();
+    }
+    let place = |at: usize, new: usize, old: usize| (at as f64 + 0.5) * old as f64 / new as f64 - 0.5;
+    Grid::from_fn(size, |x, y| {
+        let at = Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
+        bilinear(map, &at).unwrap_or(0.0) as f32
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

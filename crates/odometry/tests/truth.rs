@@ -9,7 +9,7 @@
 
 use endoscape_core::{Camera, DepthMap, Frame, Grid, Image, Observation, Odometry, Pose, Size, Tracked, se3};
 use endoscape_odometry::networks::{DepthModel, MotionModel, Motions};
-use endoscape_odometry::refine::{Contrast, refined};
+use endoscape_odometry::refine::Refiner;
 use endoscape_odometry::{LearnedOdometry, OdometryConfig};
 use nalgebra::{Point2, Vector3, Vector6};
 use std::sync::Arc;
@@ -184,9 +184,11 @@ fn opposite_biases_of_both_directions_cancel() {
 #[test]
 fn pictures_bring_pixels_together_from_a_poor_guess() {
     let world = World::new(13, 0.02, |_| 1.0);
-    let pictures = [0, 12].map(|index: usize| Contrast::new(&world.images[index]).unwrap());
+    let refiner = Refiner::new(&world.camera).unwrap();
+    let pictures = [0, 12].map(|index: usize| refiner.contrast(&world.images[index]).unwrap());
+    let reference = refiner.reference(&pictures[0], world.depths[0].grid());
     let truth = world.poses[12].inverse() * world.poses[0];
-    let found = refined((&pictures[0], world.depths[0].grid()), &pictures[1], &world.camera, &[Pose::identity()]);
+    let found = refiner.refined(&reference, &pictures[1], &[Pose::identity()]);
     let distance = |motion: &Pose| {
         let place = |motion: &Pose, x: usize, y: usize| {
             let depth = f64::from(world.depths[0].get(x, y).unwrap());
@@ -206,9 +208,11 @@ fn pictures_bring_pixels_together_from_a_poor_guess() {
 fn pictures_of_something_else_are_refused() {
     let world = World::new(1, 0.02, |_| 1.0);
     let noise = |x: usize, y: usize| [(((x * 7919 + y * 104_729) ^ (x * y * 31)) % 251) as u8; 3];
-    let (known, other) =
-        (Contrast::new(&world.images[0]).unwrap(), Contrast::new(&Image::from_fn(SIZE, noise)).unwrap());
-    let found = refined((&known, world.depths[0].grid()), &other, &world.camera, &[Pose::identity()]);
+    let refiner = Refiner::new(&world.camera).unwrap();
+    let known = refiner.contrast(&world.images[0]).unwrap();
+    let other = refiner.contrast(&Image::from_fn(SIZE, noise)).unwrap();
+    let reference = refiner.reference(&known, world.depths[0].grid());
+    let found = refiner.refined(&reference, &other, &[Pose::identity()]);
     assert!(found.is_none(), "{found:?}");
 }
 

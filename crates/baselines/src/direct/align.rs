@@ -8,7 +8,7 @@ use super::lens::Lens;
 use super::point::{InverseDepth, Point};
 use super::pyramid::{Lenses, Level, Pyramid, at_level};
 use crate::least_squares::{self, NormalEquations, Problem, Stop};
-use endoscape_core::{Camera, CameraError, DepthMap, Grid, Image, Pose, se3};
+use endoscape_core::{Camera, CameraError, Grid, Image, Pose, se3};
 use nalgebra::{Matrix6, SVector, Vector2, Vector3, Vector6};
 
 /// Unknowns: twist of the motion (6), logarithm of the gain, offset.
@@ -85,6 +85,8 @@ struct LevelProblem<'a> {
     lens: &'a Lens,
     current: &'a Level,
     noise: f64,
+    /// One point of so many is looked at.
+    step: usize,
 }
 
 /// One point seen in the current picture.
@@ -98,9 +100,14 @@ struct Seen {
 }
 
 impl LevelProblem<'_> {
+    /// Points that are looked at, by their place in the list.
+    fn places(&self) -> impl Iterator<Item = usize> {
+        (0..self.points.len()).step_by(self.step)
+    }
+
     /// Points that have a say.
     fn weighty(&self) -> usize {
-        self.points.iter().filter(|point| point.weight > 0.0).count()
+        self.places().filter(|place| self.points[*place].weight > 0.0).count()
     }
 
     /// With `q = R ray + rho t` (the moved point times its inverse depth `rho`) everything stays finite for far points.
@@ -140,11 +147,11 @@ impl Problem<UNKNOWNS> for LevelProblem<'_> {
     /// Means over the visible points, so that losing points is no gain.
     fn linearise(&self, state: &State) -> Option<NormalEquations<UNKNOWNS>> {
         let (mut equations, mut visible) = (NormalEquations::empty(), 0_usize);
-        for (index, point) in self.points.iter().enumerate() {
-            let Some(Seen { residual, sigma, derivative, .. }) = self.see(state, index) else { continue };
+        for place in self.places() {
+            let Some(Seen { residual, sigma, derivative, .. }) = self.see(state, place) else { continue };
             let size = residual.abs() / sigma;
             let huber = if size <= HUBER { 1.0 } else { HUBER / size };
-            let weight = point.weight / (sigma * sigma);
+            let weight = self.points[place].weight / (sigma * sigma);
             equations.add(residual, &derivative, huber * weight);
             // Huber's loss differs from the weighted square where it is linear.
             equations.cost += 0.5 * weight * residual * residual * huber * (1.0 - huber);
@@ -181,12 +188,14 @@ pub struct Reference {
     pub points: Vec<Point>,
     /// Brightness of each point at each level.
     brightness: Vec<Vec<f64>>,
+    /// Points that are enough for a coarse level, which only leads to the next.
+    coarse_points: usize,
 }
 
 impl Reference {
     /// Reads the brightness of points at every level of their picture.
     pub fn new(points: Vec<Point>, pyramid: &Pyramid, lenses: &Lenses) -> Self {
-        let mut reference = Self { points, brightness: Vec::new() };
+        let mut reference = Self { points, brightness: Vec::new(), coarse_points: usize::MAX };
         reference.brightness = (0..lenses.count())
             .map(|level| {
                 let at = |point: &Point| pyramid.level(level).sample(&at_level(&point.pixel, level));
@@ -195,6 +204,27 @@ impl Reference {
             .collect();
         reference.retain_points(|_| true);
         reference
+    }
+
+    /// About `count` points of a picture whose depth is given, at its full size.
+    ///
+    /// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or without depth (not above 0) have none.
+    pub fn of_depth(
+        pyramid: &Pyramid,
+        lenses: &Lenses,
+        (depth, weights): (&Grid<f32>, Option<&Grid<f32>>),
+        count: usize,
+    ) -> Self {
+        let point = |(x, y): (usize, usize)| {
+            let depth = depth.get(x, y).copied().filter(|depth| *depth > 0.0 && depth.is_finite())?;
+            let weight = weights.map_or(1.0, |weights| f64::from(*weights.get(x, y).unwrap_or(&0.0)));
+            let mean = 1.0 / f64::from(depth);
+            let known = InverseDepth { mean, variance: (DEPTH_SHARE * mean).powi(2) };
+            let point = Point::new(pyramid.level(0), lenses.level(0), Vector2::new(x as f64, y as f64), known)?;
+            (weight > 0.0).then_some(Point { weight, ..point })
+        };
+        let points = super::point::select(pyramid, count).into_iter().filter_map(point).collect();
+        Self { coarse_points: COARSE_POINTS, ..Self::new(points, pyramid, lenses) }
     }
 
     /// Keeps the points that `keep` accepts and that every level can show.
@@ -220,6 +250,7 @@ impl Reference {
             lens: lenses.level(level),
             current: current.level(level),
             noise,
+            step: if level == 0 { 1 } else { (self.points.len() / self.coarse_points).clamp(1, 1 << level) },
         };
         let mut state = State { motion: guess.current_from_reference, brightness: guess.brightness };
         let mut information = None;
@@ -236,7 +267,7 @@ fn summarise(
     state: &State,
     information: &nalgebra::SMatrix<f64, 8, 8>,
 ) -> Option<Alignment> {
-    let seen: Vec<Seen> = (0..problem.points.len()).filter_map(|index| problem.see(state, index)).collect();
+    let seen: Vec<Seen> = problem.places().filter_map(|place| problem.see(state, place)).collect();
     let agree: Vec<f64> = seen.iter().filter(|s| s.residual.abs() < OUTLIER * s.sigma).map(|s| s.residual).collect();
     let visible = seen.len().max(1) as f64;
     let covariance = least_squares::covariance(&(information * visible))?;
@@ -263,39 +294,30 @@ fn correlation(seen: &[Seen]) -> f64 {
     if spread > f64::EPSILON { moment(0, 1) / spread } else { 0.0 }
 }
 
-/// Aligns two pictures of one camera, given the depth of the first: the building block for other methods.
+/// Aligns two pictures of one camera near a guess, given the depth of the first: the building block for other methods.
+/// [`Reference`] is the same in steps, for pictures that are compared more than once.
 ///
-/// `weights`, 0 to 1 per pixel, scales the say of each; pixels of weight 0 or unknown depth have none. About `count`
-/// pixels are used. One answer per guess, in their order, but for those from which too little is visible.
+/// `weights` as in [`Reference::of_depth`]; about `count` pixels are used. `None` where too few of them are visible.
 ///
 /// # Errors
 /// [`CameraError`] for a camera that cannot be halved.
 pub fn align(
-    reference: (&Image, &DepthMap, Option<&Grid<f32>>),
+    reference: (&Image, &Grid<f32>, Option<&Grid<f32>>),
     current: &Image,
     camera: &Camera,
-    guesses: &[Pose],
+    guess: &Pose,
     count: usize,
-) -> Result<Vec<Alignment>, CameraError> {
+) -> Result<Option<Alignment>, CameraError> {
     let (image, depth, weights) = reference;
     let lenses = Lenses::new(camera, 6)?;
-    let pyramid = Pyramid::new(image, None, &lenses);
-    let point = |(x, y): (usize, usize)| {
-        let mean = 1.0 / f64::from(depth.get(x, y)?);
-        let weight = weights.map_or(1.0, |weights| f64::from(*weights.get(x, y).unwrap_or(&0.0)));
-        let known = InverseDepth { mean, variance: (DEPTH_SHARE * mean).powi(2) };
-        let point = Point::new(pyramid.level(0), lenses.level(0), Vector2::new(x as f64, y as f64), known)?;
-        (weight > 0.0).then_some(Point { weight, ..point })
-    };
-    let points = super::point::select(&pyramid, count).into_iter().filter_map(point).collect();
-    let reference = Reference::new(points, &pyramid, &lenses);
+    let reference = Reference::of_depth(&Pyramid::new(image, None, &lenses), &lenses, (depth, weights), count);
     let current = Pyramid::new(current, None, &lenses);
-    let aligned = |guess: &Pose| {
-        let guess = Alignment::guess(*guess, Brightness::default());
-        reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE)
-    };
-    Ok(guesses.iter().filter_map(aligned).collect())
+    let guess = Alignment::guess(*guess, Brightness::default());
+    Ok(reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE))
 }
+
+/// Points of given depth that are enough for a coarse level.
+const COARSE_POINTS: usize = 200;
 
 /// Standard deviation of a given depth as a share of it: estimated depths are rarely better.
 const DEPTH_SHARE: f64 = 0.02;

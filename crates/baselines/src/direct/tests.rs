@@ -1,5 +1,5 @@
 use super::*;
-use endoscape_core::{DepthMap, Grid, Image, MagneticReading, Size, se3};
+use endoscape_core::{Grid, Image, MagneticReading, Size, se3};
 use endoscape_frames::{Sequence, formats};
 use nalgebra::{Vector2, Vector3, Vector6};
 use std::path::Path;
@@ -36,8 +36,8 @@ fn known_depth_gives_the_motion_between_two_pictures() {
     let (camera, images) = (sequence.camera.unwrap(), tube_images(&sequence));
     for index in 0..images.len() - 1 {
         let depth = sequence.read_depth(index).unwrap().unwrap();
-        let found = align((&images[index], &depth, None), &images[index + 1], &camera, &[Pose::identity()], 2000);
-        let found = found.unwrap().remove(0);
+        let reference = (&images[index], depth.grid(), None);
+        let found = align(reference, &images[index + 1], &camera, &Pose::identity(), 2000).unwrap().unwrap();
         let moved = truth(&sequence, index + 1).inverse() * truth(&sequence, index);
         let (away_m, turned_rad) = motion_error(&found.current_from_reference, &moved);
         let length_m = moved.translation.vector.norm();
@@ -59,7 +59,7 @@ fn a_picture_aligns_to_itself_at_rest_and_gain_is_told_from_motion() {
     let depth = sequence.read_depth(0).unwrap().unwrap();
     let darker = Image::new(image.size(), image.rgb().iter().map(|v| (f64::from(*v) * 0.8).round() as u8).collect());
     let guess = se3::exp(&Vector6::new(1e-3, 0.0, 0.0, 0.0, 0.01, 0.0));
-    let found = align((&image, &depth, None), &darker.unwrap(), &camera, &[guess], 1500).unwrap().remove(0);
+    let found = align((&image, depth.grid(), None), &darker.unwrap(), &camera, &guess, 1500).unwrap().unwrap();
     let (away_m, turned_rad) = motion_error(&found.current_from_reference, &Pose::identity());
     assert!(away_m < 1e-4 && turned_rad < 1e-3, "{away_m} m, {turned_rad} rad");
     assert!((found.brightness.log_gain.exp() - 0.8).abs() < 0.02, "{:?}", found.brightness);
@@ -72,14 +72,13 @@ fn pixels_of_no_weight_have_no_say() {
     let depth = sequence.read_depth(0).unwrap().unwrap();
     let size = depth.size();
     // Depth is wrong by a factor on the left half, which the weights rule out.
-    let broken = DepthMap::new(Grid::from_fn(size, |x, y| {
-        depth.get(x, y).unwrap_or(0.0) * if x < size.width / 2 { 3.0 } else { 1.0 }
-    }));
+    let broken =
+        Grid::from_fn(size, |x, y| depth.get(x, y).unwrap_or(0.0) * if x < size.width / 2 { 3.0 } else { 1.0 });
     let weights = Grid::from_fn(size, |x, _| if x < size.width / 2 { 0.0 } else { 1.0 });
     let moved = truth(&sequence, 1).inverse() * truth(&sequence, 0);
     let error_m = |weights| {
-        let found = align((&images[0], &broken, weights), &images[1], &camera, &[Pose::identity()], 2000);
-        motion_error(&found.unwrap().remove(0).current_from_reference, &moved).0
+        let found = align((&images[0], &broken, weights), &images[1], &camera, &Pose::identity(), 2000);
+        motion_error(&found.unwrap().unwrap().current_from_reference, &moved).0
     };
     let (with_m, without_m) = (error_m(Some(&weights)), error_m(None));
     assert!(with_m < 0.5 * without_m, "{with_m} m with weights, {without_m} m without");

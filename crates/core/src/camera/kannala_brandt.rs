@@ -1,8 +1,8 @@
 //! OpenCV's fisheye model.
 
 use super::domain::invert_monotone;
-use super::{CameraError, Intrinsics, Projection, finite};
-use nalgebra::{Vector2, Vector3};
+use super::{CameraError, Intrinsics, Projection, finite, radial_derivative};
+use nalgebra::{Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Image radius as an odd polynomial of the angle off the axis:
@@ -39,6 +39,13 @@ impl Projection for KannalaBrandt {
         // On the axis the direction in the image plane is undefined and does not matter.
         let direction = point.xy().try_normalize(0.0).unwrap_or_default();
         self.intrinsics.pixel(direction * radius)
+    }
+
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        let theta = point.xy().norm().atan2(point.z);
+        let t2 = theta * theta;
+        let slope = 1.0 + t2 * (3.0 * self.k1 + t2 * (5.0 * self.k2 + t2 * (7.0 * self.k3 + t2 * 9.0 * self.k4)));
+        self.intrinsics.stretch() * radial_derivative(point, self.radius(theta), slope)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

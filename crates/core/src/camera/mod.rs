@@ -29,7 +29,7 @@ pub use radial_tangential::RadialTangential;
 pub use unified::Unified;
 
 use crate::{Rect, Size};
-use nalgebra::{Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Point2, Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -94,6 +94,8 @@ trait Projection {
     fn widest_rad(&self) -> f64;
     /// Pixel of a point inside the domain.
     fn project(&self, point: &Vector3<f64>) -> Vector2<f64>;
+    /// Derivative of the pixel by the point, inside the domain.
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64>;
     /// Direction (any length) imaged at a pixel, `None` if no direction within `widest` is.
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>>;
     /// Replaces pixel coordinates `p` by `scale * p + shift`, component by component.
@@ -145,6 +147,8 @@ pub struct Camera {
     model: CameraModel,
     /// Half-angle of the cone imaged one to one, radians.
     widest_rad: f64,
+    /// Its cosine: what tells quickly whether a point lies in the cone.
+    widest_cos: f64,
 }
 
 /// The camera as it stands in `camera.toml`.
@@ -181,7 +185,7 @@ impl Camera {
         }
         each_model!(&model, inner => inner.check())?;
         let widest_rad = each_model!(&model, inner => domain::monotone_limit(inner.widest_rad(), |t| inner.radius(t)));
-        Ok(Self { size, model, widest_rad })
+        Ok(Self { size, model, widest_rad, widest_cos: widest_rad.cos() })
     }
 
     /// A pinhole centred in a picture of `size` that sees `horizontal_rad` from its left to its right edge.
@@ -226,6 +230,12 @@ impl Camera {
         }
         let pixel = each_model!(&self.model, inner => inner.project(point));
         (pixel.x.is_finite() && pixel.y.is_finite()).then(|| Point2::from(pixel))
+    }
+
+    /// Derivative of [`Camera::project`] by the point, pixels per unit of length; `None` where that is.
+    pub fn project_derivative(&self, point_in_camera: &Point3<f64>) -> Option<Matrix2x3<f64>> {
+        let point = &point_in_camera.coords;
+        self.sees(point).then(|| each_model!(&self.model, inner => inner.derivative(point)))
     }
 
     /// Unit direction (camera frame) imaged at a pixel; the inverse of [`Camera::project`].
@@ -290,8 +300,8 @@ impl Camera {
     }
 
     fn sees(&self, point: &Vector3<f64>) -> bool {
-        let angle = point.xy().norm().atan2(point.z);
-        point.norm_squared() > 0.0 && angle <= self.widest_rad
+        let distance = point.norm();
+        distance > 0.0 && point.z >= distance * self.widest_cos
     }
 }
 
@@ -305,6 +315,20 @@ macro_rules! into_model {
     )*};
 }
 into_model!(Pinhole, RadialTangential, KannalaBrandt, Omnidirectional, Unified);
+
+/// Derivative by the point of `radius(theta)` along the direction of `(x, y)`, `theta` being the point's angle off the
+/// axis and `slope` the derivative of the radius by it.
+fn radial_derivative(point: &Vector3<f64>, radius: f64, slope: f64) -> Matrix2x3<f64> {
+    let (off_axis, squared) = (point.xy().norm(), point.norm_squared());
+    let Some(direction) = point.xy().try_normalize(1e-9 * squared.sqrt()) else {
+        let scale = slope / point.z;
+        return Matrix2x3::new(scale, 0.0, 0.0, 0.0, scale, 0.0);
+    };
+    let (along, across) = (slope * point.z / squared, radius / off_axis);
+    let by_plane = Matrix2::identity() * across + direction * direction.transpose() * (along - across);
+    let by_axis = direction * (-slope * off_axis / squared);
+    Matrix2x3::from_columns(&[by_plane.column(0).into(), by_plane.column(1).into(), by_axis])
+}
 
 /// Refuses the first parameter that is not finite.
 fn finite(parameters: &[(&'static str, f64)]) -> Result<(), CameraError> {

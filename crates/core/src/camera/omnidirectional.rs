@@ -1,8 +1,8 @@
 //! Scaramuzza's polynomial model, the one C3VD is calibrated with.
 
 use super::domain::invert_monotone;
-use super::{CameraError, Projection, finite};
-use nalgebra::{Matrix2, Vector2, Vector3};
+use super::{CameraError, Projection, finite, radial_derivative};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A pixel is `[u v] = stretch [x y] + [cx cy]`, and `(x, y)` is imaged from the direction
@@ -25,6 +25,12 @@ impl Omnidirectional {
         self.polynomial.iter().rev().fold(0.0, |sum, a| sum * rho + a)
     }
 
+    /// Derivative of [`Self::height`].
+    fn height_slope(&self, rho: f64) -> f64 {
+        let [_, a1, a2, a3, a4] = self.polynomial;
+        a1 + rho * (2.0 * a2 + rho * (3.0 * a3 + rho * 4.0 * a4))
+    }
+
     fn stretch(&self) -> Matrix2<f64> {
         let [[a, b], [c, d]] = self.stretch;
         Matrix2::new(a, b, c, d)
@@ -44,10 +50,10 @@ impl Omnidirectional {
     /// Solves `angle(rho) = theta` by Newton steps on `rho cos(theta) - height(rho) sin(theta)`, which is smooth and
     /// nearly linear; a bracketed search takes over in the rare case that they leave the model.
     fn rho(&self, sin: f64, cos: f64) -> Option<f64> {
-        let [a0, a1, a2, a3, a4] = self.polynomial;
+        let a0 = self.polynomial[0];
         let mut rho = if cos > 0.3 { a0 * sin / cos } else { a0 };
         for _ in 0..12 {
-            let slope = cos - sin * (a1 + rho * (2.0 * a2 + rho * (3.0 * a3 + rho * 4.0 * a4)));
+            let slope = cos - sin * self.height_slope(rho);
             let step = (rho * cos - self.height(rho) * sin) / slope;
             rho -= step;
             if step.abs() < 1e-12 * a0 {
@@ -77,6 +83,15 @@ impl Projection for Omnidirectional {
         let rho = self.rho(off_axis / length, point.z / length).unwrap_or(f64::NAN);
         let direction = point.xy().try_normalize(0.0).unwrap_or_default();
         self.stretch() * (direction * rho) + Vector2::new(self.cx, self.cy)
+    }
+
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        let length = point.norm();
+        let (sin, cos) = (point.xy().norm() / length, point.z / length);
+        let rho = self.rho(sin, cos).unwrap_or(f64::NAN);
+        // Of rho cos(theta) = height(rho) sin(theta), by theta.
+        let slope = (rho * sin + self.height(rho) * cos) / (cos - sin * self.height_slope(rho));
+        self.stretch() * radial_derivative(point, rho, slope)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

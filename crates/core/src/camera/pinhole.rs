@@ -1,7 +1,7 @@
 //! The pinhole and the affine part all models but the omnidirectional one share.
 
 use super::{CameraError, Projection, finite};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Focal lengths, principal point and skew, in pixels: `u = fx x + skew y + cx`, `v = fy y + cy`.
@@ -29,6 +29,11 @@ impl Intrinsics {
     /// Pixel of a point on the plane z = 1.
     pub(super) fn pixel(&self, plane: Vector2<f64>) -> Vector2<f64> {
         Vector2::new(self.fx * plane.x + self.skew * plane.y + self.cx, self.fy * plane.y + self.cy)
+    }
+
+    /// Derivative of [`Intrinsics::pixel`] by the plane.
+    pub(super) const fn stretch(&self) -> Matrix2<f64> {
+        Matrix2::new(self.fx, self.skew, 0.0, self.fy)
     }
 
     /// Point on the plane z = 1 of a pixel.
@@ -65,6 +70,13 @@ pub struct Pinhole {
     pub intrinsics: Intrinsics,
 }
 
+/// Derivative of `(x / z, y / z)` by the point.
+pub(super) fn plane_derivative(point: &Vector3<f64>) -> Matrix2x3<f64> {
+    let inverse_z = 1.0 / point.z;
+    let plane = point.xy() * inverse_z;
+    Matrix2x3::new(inverse_z, 0.0, -plane.x * inverse_z, 0.0, inverse_z, -plane.y * inverse_z)
+}
+
 /// Just short of 90 degrees: beyond, a pinhole's pixels run off to infinity.
 pub(super) const PINHOLE_WIDEST_RAD: f64 = 89.9 / 180.0 * std::f64::consts::PI;
 
@@ -79,6 +91,10 @@ impl Projection for Pinhole {
 
     fn project(&self, point: &Vector3<f64>) -> Vector2<f64> {
         self.intrinsics.pixel(point.xy() / point.z)
+    }
+
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        self.intrinsics.stretch() * plane_derivative(point)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, _widest_rad: f64) -> Option<Vector3<f64>> {

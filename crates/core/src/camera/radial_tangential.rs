@@ -1,9 +1,9 @@
 //! OpenCV's default lens model, with 5 or 8 parameters.
 
 use super::domain::invert_monotone;
-use super::pinhole::PINHOLE_WIDEST_RAD;
+use super::pinhole::{PINHOLE_WIDEST_RAD, plane_derivative};
 use super::{CameraError, Intrinsics, Projection, finite};
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Radial polynomial (rational with `k4..k6`) and decentring terms on the plane z = 1; OpenCV documentation,
@@ -60,8 +60,22 @@ impl RadialTangential {
         p * self.radial(r2) + decentring
     }
 
-    /// Newton's rule on the plane; the Jacobian by central differences is exact enough to converge quadratically in
-    /// practice and keeps the formula in one place.
+    /// Derivative of [`Self::distort`].
+    fn distort_derivative(&self, p: Vector2<f64>) -> Matrix2<f64> {
+        let r2 = p.norm_squared();
+        let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let below = 1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6));
+        let above_slope = self.k1 + r2 * (2.0 * self.k2 + r2 * 3.0 * self.k3);
+        let below_slope = self.k4 + r2 * (2.0 * self.k5 + r2 * 3.0 * self.k6);
+        let radial_slope = (above_slope * below - above * below_slope) / (below * below);
+        let cross = 2.0 * (self.p1 * p.x + self.p2 * p.y);
+        let (by_x, by_y) = (2.0 * self.p1 * p.y + 6.0 * self.p2 * p.x, 6.0 * self.p1 * p.y + 2.0 * self.p2 * p.x);
+        Matrix2::identity() * self.radial(r2)
+            + p * p.transpose() * (2.0 * radial_slope)
+            + Matrix2::new(by_x, cross, cross, by_y)
+    }
+
+    /// Newton's rule on the plane.
     fn undistort(&self, distorted: Vector2<f64>, start: Vector2<f64>) -> Option<Vector2<f64>> {
         let mut p = start;
         for _ in 0..20 {
@@ -69,10 +83,7 @@ impl RadialTangential {
             if residual.amax() < 1e-14 {
                 break;
             }
-            let h = 1e-6;
-            let column = |step: Vector2<f64>| (self.distort(p + step) - self.distort(p - step)) / (2.0 * h);
-            let jacobian = Matrix2::from_columns(&[column(Vector2::new(h, 0.0)), column(Vector2::new(0.0, h))]);
-            p -= jacobian.lu().solve(&residual)?;
+            p -= self.distort_derivative(p).lu().solve(&residual)?;
         }
         ((self.distort(p) - distorted).amax() < 1e-9).then_some(p)
     }
@@ -90,6 +101,11 @@ impl Projection for RadialTangential {
 
     fn project(&self, point: &Vector3<f64>) -> Vector2<f64> {
         self.intrinsics.pixel(self.distort(point.xy() / point.z))
+    }
+
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        let distortion = self.distort_derivative(point.xy() / point.z);
+        self.intrinsics.stretch() * distortion * plane_derivative(point)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

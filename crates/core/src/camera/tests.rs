@@ -74,6 +74,24 @@ proptest! {
     }
 
     #[test]
+    fn derivatives_are_those_of_differences(x in -2.0..2.0, y in -2.0..2.0, z in -0.3..1.0, scale in 1e-2..1e2) {
+        for camera in cameras() {
+            let point = Point3::new(x, y, z) * scale;
+            let h = 1e-5 * point.coords.norm();
+            let at = |axis, step: f64| camera.project(&(point + Vector3::ith(axis, step)));
+            let Some(derivative) = camera.project_derivative(&point) else { continue };
+            for axis in 0..3 {
+                let (Some(before), Some(after)) = (at(axis, -h), at(axis, h)) else { continue };
+                let difference = (after - before) / (2.0 * h);
+                // Near the rim of a model the second derivative grows without bound.
+                if derivative.norm() * scale > 1e5 { continue; }
+                let error = (derivative.column(axis) - difference).norm() * scale;
+                prop_assert!(error < 1e-3 * (1.0 + derivative.norm() * scale), "{camera:?} at {point}: {error}");
+            }
+        }
+    }
+
+    #[test]
     fn resizing_moves_pixel_edges_with_the_picture(x in -0.8..0.8, y in -0.8..0.8, w in 32_usize..2000, h in 32_usize..2000) {
         for camera in cameras() {
             let resized = camera.scaled_to(Size::new(w, h)).unwrap();

@@ -2,7 +2,7 @@
 
 use super::domain::invert_monotone;
 use super::{CameraError, Intrinsics, Projection, finite};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A point is put on the unit sphere, seen from `xi` behind its centre, then distorted radially:
@@ -39,6 +39,18 @@ impl Projection for Unified {
         let m = point.xy() / (point.z + self.xi * point.norm());
         let r2 = m.norm_squared();
         self.intrinsics.pixel(m * (1.0 + r2 * (self.k1 + r2 * self.k2)))
+    }
+
+    fn derivative(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        let (xy, distance) = (point.xy(), point.norm());
+        let below = point.z + self.xi * distance;
+        let m = xy / below;
+        let below_by_point = point * (self.xi / distance) + Vector3::z();
+        let plane: Matrix2x3<f64> = (Matrix2x3::identity() - m * below_by_point.transpose()) / below;
+        let r2 = m.norm_squared();
+        let radial = 1.0 + r2 * (self.k1 + r2 * self.k2);
+        let distortion = Matrix2::identity() * radial + m * m.transpose() * (2.0 * self.k1 + 4.0 * self.k2 * r2);
+        self.intrinsics.stretch() * distortion * plane
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {

@@ -56,7 +56,7 @@ proptest! {
     ) {
         let device = Device::flex().autodiff();
         let padding = if same { Padding::Same } else { Padding::Symmetric };
-        let layers = LayerFactory::new(padding, false, 0, &device);
+        let layers = LayerFactory::new(padding, false, Some(0), &device);
         let mut layer = layers.conv(channels, kernel, stride);
         layer.bias = Some(Param::from_tensor(noise([channels[1]], &device)));
         let activation = if relu { Activation::Relu } else { Activation::None };
@@ -79,7 +79,7 @@ proptest! {
     ) {
         let device = Device::flex().autodiff();
         let padding = if same { Padding::Same } else { Padding::Symmetric };
-        let layers = LayerFactory::new(padding, false, 0, &device);
+        let layers = LayerFactory::new(padding, false, Some(0), &device);
         let mut layer = layers.up_block(channels, kernel).conv;
         layer.bias = Some(Param::from_tensor(noise([channels[1]], &device)));
         let activation = if relu { Activation::Relu } else { Activation::None };
@@ -96,7 +96,7 @@ proptest! {
 #[test]
 fn views_of_larger_tensors_are_read_correctly() {
     let device = Device::flex();
-    let layers = LayerFactory::new(Padding::Symmetric, false, 0, &device);
+    let layers = LayerFactory::new(Padding::Symmetric, false, Some(0), &device);
     let layer = layers.conv([3, 5], 3, 1).no_grad();
     let picture = noise([2, 7, 9, 11], &device);
     for view in [picture.clone().narrow(1, 2, 3), picture.narrow(0, 1, 1).narrow(1, 0, 3).swap_dims(2, 3)] {
