@@ -22,6 +22,9 @@ use pieces::Panel;
 use rayon::prelude::*;
 use shape::Shape;
 
+/// Operations below which handing work to another thread takes longer than doing it.
+const WORTH_SHARING: usize = 500_000;
+
 /// What happens to a sum before it is stored.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Epilogue<'a> {
@@ -200,7 +203,12 @@ impl Correlation {
                 plan.source.fill(level, input, &mut workspace.planes);
                 let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                tasks.into_par_iter().for_each(|task| level.run(direct::Run { work: &work, task }));
+                let run = |task| level.run(direct::Run { work: &work, task });
+                if pictures * shape.geometry.operations() < WORTH_SHARING {
+                    tasks.into_iter().for_each(run);
+                } else {
+                    tasks.into_par_iter().for_each(run);
+                }
             }
             Plan::Winograd(plan) => {
                 plan.source.fill(level, input, &mut workspace.planes);
