@@ -23,7 +23,7 @@ pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
             // The thread that does the work may get one of these back while it waits for others.
             scope.spawn(move |_| {
                 if rayon::current_thread_index() != own {
-                    wait_until(done)
+                    wait_until(done);
                 }
             });
         }

@@ -6,7 +6,7 @@
 //! | [`correlation`] | [`Correlation`]: the forward product and the gradient of the data, bias and ReLU included |
 //! | [`sampling`] | pictures read between their pixels, forward and backward |
 //! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
-//! | [`awake`] | many small parallel parts one after the other, without waking the threads for each |
+//! | [`awake()`] | many small parallel parts one after the other, without waking the threads for each |
 //! | [`AdamStep`] | the optimiser in one pass |
 //! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights |
 //! | [`bias_gradient`], [`relu_bias_gradient`] | the gradient of the bias, and of a ReLU in the same pass |
