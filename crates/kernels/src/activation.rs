@@ -3,14 +3,49 @@
 use rayon::prelude::*;
 
 /// Numbers that are a sensible piece of work.
-const PIECE: usize = 1 << 15;
+const PIECE: usize = 1 << 14;
 
-/// Makes the gradient after a ReLU that before it: zero where the ReLU let nothing through.
-pub fn relu_gradient(gradient: &mut [f32], output: &[f32]) {
-    let pieces = gradient.par_chunks_mut(PIECE).zip(output.par_chunks(PIECE));
-    pieces.for_each(|(gradient, output)| {
+/// The gradient of the bias: the sum of each channel over the batch and all pixels.
+///
+/// # Shapes
+/// - `gradient`: `[batch, channels, area]`
+/// - `bias`: `[channels]`, all of it is written
+pub fn bias_gradient(gradient: &[f32], area: usize, bias: &mut [f32]) {
+    let planes = gradient.par_chunks(area.max(1)).with_min_len(PIECE / area.max(1) + 1);
+    collect(planes.map(sum).collect(), bias);
+}
+
+/// Makes the gradient after a ReLU that before it, zero where the ReLU let nothing through, and sums it as
+/// [`bias_gradient`] does.
+///
+/// # Shapes
+/// - `gradient`, `output`: `[batch, channels, area]`
+/// - `bias`: `[channels]`, all of it is written
+pub fn relu_bias_gradient(gradient: &mut [f32], output: &[f32], area: usize, bias: &mut [f32]) {
+    let planes = gradient.par_chunks_mut(area.max(1)).zip(output.par_chunks(area.max(1)));
+    let sums = planes.with_min_len(PIECE / area.max(1) + 1).map(|(gradient, output)| {
         for (gradient, output) in gradient.iter_mut().zip(output) {
             *gradient = if *output > 0.0 { *gradient } else { 0.0 };
         }
+        sum(gradient)
     });
+    collect(sums.collect(), bias);
+}
+
+/// Adds up the sums of planes, channel by channel in the order of the batch.
+fn collect(sums: Vec<f32>, bias: &mut [f32]) {
+    bias.fill(0.0);
+    for sums in sums.chunks_exact(bias.len().max(1)) {
+        bias.iter_mut().zip(sums).for_each(|(bias, sum)| *bias += sum);
+    }
+}
+
+/// A sum in several lanes, which vectors can compute and which loses fewer digits than one lane.
+fn sum(values: &[f32]) -> f32 {
+    let (lanes, rest) = values.as_chunks::<16>();
+    let mut sums = [0.0_f32; 16];
+    for values in lanes {
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+    }
+    sums.iter().chain(rest).sum()
 }

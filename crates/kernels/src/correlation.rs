@@ -17,9 +17,13 @@ mod winograd;
 
 use crate::geometry::Geometry;
 use crate::level::Level;
+use crate::memory::at_least;
 use pieces::Panel;
 use rayon::prelude::*;
 use shape::Shape;
+
+/// Operations below which handing work to another thread takes longer than doing it.
+const WORTH_SHARING: usize = 500_000;
 
 /// What happens to a sum before it is stored.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,10 +41,12 @@ pub struct Workspace {
 }
 
 /// Weights in the order in which a [`Correlation`] reads them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PackedWeights {
     panels: Vec<Panel>,
+    /// At least as many as are used: memory never shrinks from one packing to the next.
     values: Vec<f32>,
+    length: usize,
 }
 
 /// How sums are computed.
@@ -131,7 +137,7 @@ impl Correlation {
     /// # Panics
     /// If their number is not the geometry's.
     pub fn pack(&self, weights: &[f32]) -> PackedWeights {
-        let mut packed = PackedWeights { panels: Vec::new(), values: Vec::new() };
+        let mut packed = PackedWeights::default();
         self.pack_into(weights, &mut packed);
         packed
     }
@@ -144,8 +150,8 @@ impl Correlation {
         assert_eq!(weights.len(), self.shape.geometry.weights(), "weights of {:?}", self.shape.geometry);
         let of_a_channel = self.weights_of_a_channel();
         packed.panels = pieces::panels(self.shape.outputs, self.level.panel_widths(), of_a_channel);
-        packed.values.resize(self.packed_length(packed), 0.0);
-        let mut rest = packed.values.as_mut_slice();
+        packed.length = self.packed_length(packed);
+        let mut rest = at_least(&mut packed.values, packed.length);
         let mut parts = Vec::with_capacity(packed.panels.len());
         for panel in &packed.panels {
             let (part, after) = rest.split_at_mut(panel.width * of_a_channel);
@@ -190,14 +196,19 @@ impl Correlation {
         let [from, to] = [self.shape.input_length(), self.shape.output_length()];
         assert!(input.len().is_multiple_of(from), "input of {:?}", self.shape.geometry);
         assert_eq!(output.len(), input.len() / from * to, "output of {:?}", self.shape.geometry);
-        assert_eq!(weights.values.len(), self.packed_length(weights), "weights of {:?}", self.shape.geometry);
+        assert_eq!(weights.length, self.packed_length(weights), "weights of {:?}", self.shape.geometry);
         let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
         match &self.plan {
             Plan::Direct(plan) => {
                 plan.source.fill(level, input, &mut workspace.planes);
                 let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                tasks.into_par_iter().for_each(|task| level.run(direct::Run { work: &work, task }));
+                let run = |task| level.run(direct::Run { work: &work, task });
+                if pictures * shape.geometry.operations() < WORTH_SHARING {
+                    tasks.into_iter().for_each(run);
+                } else {
+                    tasks.into_par_iter().for_each(run);
+                }
             }
             Plan::Winograd(plan) => {
                 plan.source.fill(level, input, &mut workspace.planes);

@@ -6,8 +6,10 @@
 //! | [`correlation`] | [`Correlation`]: the forward product and the gradient of the data, bias and ReLU included |
 //! | [`sampling`] | pictures read between their pixels, forward and backward |
 //! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
+//! | [`awake()`] | many small parallel parts one after the other, without waking the threads for each |
 //! | [`AdamStep`] | the optimiser in one pass |
-//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights and of the bias |
+//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights |
+//! | [`bias_gradient`], [`relu_bias_gradient`] | the gradient of the bias, and of a ReLU in the same pass |
 //! | [`level`] | [`Level`]: which vector instructions are used |
 //!
 //! Pictures are `[batch, channels, height, width]`, `f32`, contiguous. A transposed convolution is the data gradient
@@ -17,10 +19,12 @@
 
 mod activation;
 mod adam;
+mod awake;
 pub mod correlation;
 mod enlarge;
 pub mod geometry;
 pub mod level;
+mod memory;
 pub mod photometric;
 mod planes;
 mod points;
@@ -28,14 +32,16 @@ pub mod sampling;
 #[cfg(test)]
 mod tests;
 mod tile;
+mod transpose;
 pub mod weight_gradient;
 
-pub use activation::relu_gradient;
+pub use activation::{bias_gradient, relu_bias_gradient};
 pub use adam::AdamStep;
+pub use awake::awake;
 pub use correlation::{Correlation, Epilogue, Method, PackedWeights, Workspace};
 pub use enlarge::enlarge;
 pub use geometry::Geometry;
 pub use level::Level;
 pub use photometric::Comparison;
 pub use sampling::Sampling;
-pub use weight_gradient::{GradientWorkspace, bias_gradient, weight_gradient};
+pub use weight_gradient::{GradientWorkspace, weight_gradient};

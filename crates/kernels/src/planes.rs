@@ -6,6 +6,7 @@
 //! kept together, which makes the steps between neighbours one again.
 
 use crate::level::Level;
+use crate::memory::at_least;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -56,7 +57,7 @@ impl Planes {
     pub fn fill(&self, level: Level, pictures: &[f32], planes: &mut Vec<f32>) {
         let area = self.size[0] * self.size[1];
         let count = pictures.len() / area.max(1);
-        planes.resize(count * self.channel_stride + SLACK, 0.0);
+        let planes = at_least(planes, count * self.channel_stride + SLACK);
         let channels = planes.par_chunks_mut(self.channel_stride).zip(pictures.par_chunks(area));
         // A few thousand numbers are a sensible piece of work.
         channels.with_min_len((1 << 14) / self.channel_stride + 1).for_each(|(planes, picture)| {

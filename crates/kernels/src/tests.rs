@@ -1,7 +1,8 @@
 //! Every product beside a plain loop, on every level of the machine.
 
 use crate::weight_gradient::GradientWorkspace;
-use crate::{Correlation, Epilogue, Geometry, Level, Method, Workspace, bias_gradient, weight_gradient};
+use crate::{Correlation, Epilogue, Geometry, Level, Method, Workspace};
+use crate::{bias_gradient, relu_bias_gradient, weight_gradient};
 use proptest::prelude::*;
 
 /// All triples of a large pixel, a weight and a small pixel that belong together, as indices.
@@ -190,4 +191,16 @@ fn a_bias_receives_the_sum_of_its_channel() {
         planes.flatten().copied().map(f64::from).sum::<f64>()
     });
     assert_close(&bias, &expected, 1e-5, "bias");
+}
+
+#[test]
+fn a_relu_stops_the_gradient_where_it_let_nothing_through() {
+    let (before, output) = (noise(3 * 2 * 37, 5), noise(3 * 2 * 37, 6));
+    let stopped = |(gradient, output): (&f32, &f32)| if *output > 0.0 { f64::from(*gradient) } else { 0.0 };
+    let expected: Vec<f64> = before.iter().zip(&output).map(stopped).collect();
+    let (mut gradient, mut bias) = (before, [f32::NAN; 2]);
+    relu_bias_gradient(&mut gradient, &output, 37, &mut bias);
+    assert_close(&gradient, &expected, 1e-9, "gradient");
+    let sum = |channel: usize| expected.chunks_exact(37).skip(channel).step_by(2).flatten().sum::<f64>();
+    assert_close(&bias, &[sum(0), sum(1)], 1e-5, "bias");
 }

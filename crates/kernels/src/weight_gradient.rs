@@ -1,22 +1,26 @@
-//! The gradient of a convolution's weights and bias.
+//! The gradient of a convolution's weights.
 //!
 //! `d weights[o][i][ky][kx] = sum_{batch, y, x} d small[o][y][x] * large[i][s y + ky - before_y][s x + kx - before_x]`.
 //!
 //! With the channels of the large picture side by side, the numbers that belong to all channels and all columns of a
 //! row of the kernel lie in one run. A tile multiplies a vector of that run by single gradients of several output
-//! channels and keeps the sums over many pixels in registers.
+//! channels and keeps the sums over a window of pixels in registers; the panels of a piece of work read the same
+//! window one after the other, while it is in the second level cache.
 
 use crate::geometry::Geometry;
 use crate::level::Level;
+use crate::memory::at_least;
 use crate::tile::{self, Lines, MAX_CHANNELS, MAX_PIXELS};
+use crate::transpose::transpose;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
+use std::cell::Cell;
 use std::ops::Range;
 
 /// Vectors may be read this far beyond the last pixel.
 const SLACK: usize = 256;
-/// Numbers of the large picture to go through at a time, so that they stay in the second level cache.
-const WINDOW: usize = 64 * 1024;
+/// Pixels of a window, about: by measurement; more leave the second level cache, fewer spend their time on adding sums.
+const WINDOW: usize = 1024;
 /// Up to this many weights, pieces of the batch are summed apart and then together; beyond, panels are the pieces.
 const FEW_WEIGHTS: usize = 128 * 1024;
 /// Panels that read the same pixels one after the other, where panels are the pieces.
@@ -53,44 +57,13 @@ pub fn weight_gradient(
     assert_eq!(large.len(), batch * geometry.large_channels * geometry.large_area(), "large of {geometry:?}");
     assert_eq!(weights.len(), geometry.weights(), "weights of {geometry:?}");
     let interleaved = Interleaved::new(geometry);
-    interleaved.fill(geometry, large, &mut workspace.lines);
-    let work = Work { geometry, interleaved, level, lines: &workspace.lines, small };
-    let pieces = work.pieces(batch);
-    workspace.sums.resize(pieces.len() * geometry.weights(), 0.0);
-    if pieces.len() > 1 {
-        let parts = workspace.sums.par_chunks_mut(geometry.weights()).zip(pieces);
-        parts.for_each(|(sums, piece)| work.add(&[piece], 0..geometry.small_channels, sums));
+    let lines = interleaved.fill(geometry, large, &mut workspace.lines);
+    let work = Work { geometry, interleaved, level, lines, small };
+    if geometry.weights() > FEW_WEIGHTS {
+        work.by_panels(batch, weights);
     } else {
-        let width = PANELS_PER_TASK * level.panel_widths()[0];
-        workspace.sums.par_chunks_mut(width * work.of_a_channel()).enumerate().for_each(|(task, sums)| {
-            let channels = task * width..((task + 1) * width).min(geometry.small_channels);
-            work.add(&work.all_rows(batch), channels, sums);
-        });
+        work.by_pieces(batch, weights, &mut workspace.sums);
     }
-    collect(geometry, &workspace.sums, weights);
-}
-
-/// The gradient of the bias: the sum of each channel over the batch and all pixels, added to nothing else.
-///
-/// # Shapes
-/// - `gradient`: `[batch, channels, area]`
-/// - `bias`: `[channels]`, all of it is written
-pub fn bias_gradient(gradient: &[f32], area: usize, bias: &mut [f32]) {
-    let channels = bias.len();
-    bias.par_iter_mut().enumerate().for_each(|(channel, bias)| {
-        let planes = gradient.chunks_exact(area).skip(channel).step_by(channels);
-        *bias = planes.map(sum).sum();
-    });
-}
-
-/// A sum in several lanes, which vectors can compute and which loses fewer digits than one lane.
-fn sum(values: &[f32]) -> f32 {
-    let (lanes, rest) = values.as_chunks::<16>();
-    let mut sums = [0.0_f32; 16];
-    for values in lanes {
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-    }
-    sums.iter().chain(rest).sum()
 }
 
 /// The large pictures with zeros around them and their channels side by side.
@@ -104,28 +77,34 @@ struct Interleaved {
 impl Interleaved {
     fn new(geometry: &Geometry) -> Self {
         let extent = |axis: usize| (geometry.small[axis] - 1) * geometry.stride + geometry.kernel;
-        let column_stride = geometry.large_channels;
+        let channels = geometry.large_channels;
+        // Pixels a multiple of a kilobyte apart would all fall into a few sets of the cache.
+        let column_stride = if channels.is_multiple_of(256) { channels + 16 } else { channels };
         Self { rows: extent(0), column_stride, row_stride: extent(1) * column_stride }
     }
 
-    fn fill(&self, geometry: &Geometry, large: &[f32], lines: &mut Vec<f32>) {
+    fn fill<'a>(&self, geometry: &Geometry, large: &[f32], lines: &'a mut Vec<f32>) -> &'a [f32] {
         let [height, width] = geometry.large;
         let channels = geometry.large_channels;
         let batch = large.len() / (channels * height * width).max(1);
-        lines.resize(batch * self.rows * self.row_stride + SLACK, 0.0);
+        let lines = at_least(lines, batch * self.rows * self.row_stride + SLACK);
         let rows = lines.par_chunks_mut(self.row_stride).take(batch * self.rows).enumerate();
         rows.with_min_len((1 << 13) / self.row_stride + 1).for_each(|(index, line)| {
             let (picture, row) = (index / self.rows, index % self.rows);
-            line.fill(0.0);
             let y = row.checked_sub(geometry.before[0]).filter(|y| *y < height);
-            let Some(y) = y else { return };
-            let inside = &mut line[(geometry.before[1] * channels).min(self.row_stride)..];
-            for channel in 0..channels {
-                let pixels = &large[((picture * channels + channel) * height + y) * width..][..width];
-                let places = inside.iter_mut().skip(channel).step_by(channels);
-                places.zip(pixels).for_each(|(to, from)| *to = *from);
-            }
+            let Some(y) = y else {
+                line.fill(0.0);
+                return;
+            };
+            let start = (geometry.before[1] * self.column_stride).min(self.row_stride);
+            let count = width.min((self.row_stride - start) / self.column_stride);
+            let (inside, after) = line[start..].split_at_mut(count * self.column_stride);
+            after.fill(0.0);
+            let pixels = &large[(picture * channels * height + y) * width..];
+            transpose(pixels, height * width, [channels, count], inside, self.column_stride);
+            line[..start].fill(0.0);
         });
+        lines
     }
 }
 
@@ -144,16 +123,64 @@ struct Work<'a> {
     small: &'a [f32],
 }
 
+thread_local!(
+    /// Memory of a thread that is used again: sums, and gradients of a window.
+    static SCRATCH: Cell<[Vec<f32>; 2]> = const { Cell::new([Vec::new(), Vec::new()]) }
+);
+
 impl Work<'_> {
-    fn all_rows(&self, batch: usize) -> Vec<Piece> {
-        (0..batch).map(|picture| Piece { picture, rows: 0..self.geometry.small[0] }).collect()
+    /// Every task sums some output channels over the whole batch.
+    fn by_panels(&self, batch: usize, weights: &mut [f32]) {
+        let width = PANELS_PER_TASK * self.level.panel_widths()[0];
+        let all = (0..batch).map(|picture| Piece { picture, rows: 0..self.geometry.small[0] });
+        let windows = self.windows(&all.collect::<Vec<_>>());
+        let of_a_channel = self.geometry.large_channels * self.geometry.taps();
+        weights.par_chunks_mut(width * of_a_channel).enumerate().for_each(|(task, weights)| {
+            let channels = task * width..((task + 1) * width).min(self.geometry.small_channels);
+            let [mut memory, mut gradients] = SCRATCH.take();
+            let sums = at_least(&mut memory, channels.len() * self.sums_of_a_channel());
+            self.add(&windows, channels, sums, &mut gradients);
+            let pairs = weights.chunks_exact_mut(of_a_channel).zip(sums.chunks_exact(self.sums_of_a_channel()));
+            pairs.for_each(|(weights, sums)| self.ordered(sums, weights));
+            SCRATCH.set([memory, gradients]);
+        });
     }
 
-    /// How the batch is cut, which depends on sizes alone; a single piece where there are many weights.
+    /// Every task sums all output channels over a piece of the batch; then the pieces are added up, in their order.
+    fn by_pieces(&self, batch: usize, weights: &mut [f32], memory: &mut Vec<f32>) {
+        let (pieces, channels) = (self.pieces(batch), self.geometry.small_channels);
+        let of_a_piece = channels * self.sums_of_a_channel();
+        let sums = at_least(memory, pieces.len() * of_a_piece);
+        sums.par_chunks_mut(of_a_piece).zip(&pieces).for_each(|(sums, piece)| {
+            let [memory, mut gradients] = SCRATCH.take();
+            self.add(&self.windows(std::slice::from_ref(piece)), 0..channels, sums, &mut gradients);
+            SCRATCH.set([memory, gradients]);
+        });
+        let of_a_channel = self.sums_of_a_channel();
+        let weights = weights.par_chunks_mut(self.geometry.large_channels * self.geometry.taps());
+        weights.enumerate().for_each(|(channel, weights)| {
+            let mut parts = sums.chunks_exact(of_a_piece).map(|sums| &sums[channel * of_a_channel..][..of_a_channel]);
+            let mut total = parts.next().unwrap_or_default().to_vec();
+            for part in parts {
+                total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
+            }
+            self.ordered(&total, weights);
+        });
+    }
+
+    /// Numbers in the sums of an output channel, `[kernel row][kernel column][large channel]`.
+    fn sums_of_a_channel(&self) -> usize {
+        self.geometry.taps() * self.interleaved.column_stride
+    }
+
+    /// Brings the sums of an output channel into the order of the weights.
+    fn ordered(&self, sums: &[f32], weights: &mut [f32]) {
+        let (taps, channels) = (self.geometry.taps(), self.geometry.large_channels);
+        transpose(sums, self.interleaved.column_stride, [taps, channels], weights, taps);
+    }
+
+    /// How the batch is cut, which depends on sizes alone.
     fn pieces(&self, batch: usize) -> Vec<Piece> {
-        if self.geometry.weights() > FEW_WEIGHTS {
-            return vec![Piece { picture: 0, rows: 0..0 }];
-        }
         let rows = self.geometry.small[0];
         let step = rows.div_ceil(PIECES.div_ceil(batch.max(1)));
         let pieces = |picture: usize| {
@@ -162,33 +189,40 @@ impl Work<'_> {
         (0..batch).flat_map(pieces).collect()
     }
 
-    /// Writes the sums over `pieces` for some output channels, `[channel][kernel row][kernel column][large channel]`.
-    fn add(&self, pieces: &[Piece], channels: Range<usize>, sums: &mut [f32]) {
+    /// Writes the sums over `windows` for some output channels.
+    fn add(&self, windows: &[Vec<Piece>], channels: Range<usize>, sums: &mut [f32], gradients: &mut Vec<f32>) {
         sums.fill(0.0);
-        let mut gradients = Vec::new();
-        for window in self.windows(pieces) {
+        for window in windows {
             for (panels, width) in self.panels(channels.clone()) {
-                let pixels = self.gather(&window, panels.clone(), width, &mut gradients);
-                let first = (panels.start - channels.start) * self.of_a_channel();
-                let sums = &mut sums[first..][..panels.len() * self.of_a_channel()];
-                self.level.run(Panels { work: self, window: &window, width, pixels, gradients: &gradients, sums });
+                let pixels = self.gather(window, panels.clone(), width, gradients);
+                let first = (panels.start - channels.start) * self.sums_of_a_channel();
+                let sums = &mut sums[first..][..panels.len() * self.sums_of_a_channel()];
+                self.level.run(Panels { work: self, window, width, pixels, gradients, sums });
             }
         }
     }
 
-    /// What is gone through at a time: all pieces where there are many weights, which are then written once, else as
-    /// many rows as the cache holds.
+    /// What is gone through at a time: rows of one picture, or several small pictures.
     fn windows(&self, pieces: &[Piece]) -> Vec<Vec<Piece>> {
-        if self.geometry.weights() > FEW_WEIGHTS {
-            return vec![pieces.to_vec()];
+        let columns = self.geometry.small[1];
+        let mut windows: Vec<Vec<Piece>> = Vec::new();
+        let mut room = 0;
+        for Piece { picture, rows } in pieces {
+            let mut rows = rows.clone();
+            while !rows.is_empty() {
+                if room == 0 {
+                    windows.push(Vec::new());
+                    room = WINDOW.div_ceil(columns);
+                }
+                let end = (rows.start + room).min(rows.end);
+                room -= end - rows.start;
+                if let Some(window) = windows.last_mut() {
+                    window.push(Piece { picture: *picture, rows: rows.start..end });
+                }
+                rows.start = end;
+            }
         }
-        let step = (WINDOW / (self.interleaved.row_stride * self.geometry.stride).max(1)).max(1);
-        let parts = |piece: &Piece| {
-            let (picture, end) = (piece.picture, piece.rows.end);
-            let part = move |first: usize| vec![Piece { picture, rows: first..(first + step).min(end) }];
-            piece.rows.clone().step_by(step).map(part).collect::<Vec<_>>()
-        };
-        pieces.iter().flat_map(parts).collect()
+        windows
     }
 
     /// Output channels in panels of the widest width, and what is left in a narrower one.
@@ -207,19 +241,19 @@ impl Work<'_> {
         let pixels: usize = window.iter().map(|piece| piece.rows.len() * columns).sum();
         gradients.clear();
         gradients.resize(panels.len().div_ceil(width) * width * pixels, 0.0);
-        for (index, channel) in panels.enumerate() {
-            let mut places = gradients[index / width * width * pixels..].iter_mut().skip(index % width).step_by(width);
+        for (panel, places) in gradients.chunks_exact_mut(width * pixels).enumerate() {
+            let first = panels.start + panel * width;
+            let channels = width.min(panels.end - first);
+            let mut done = 0;
             for piece in window {
-                let plane = (piece.picture * self.geometry.small_channels + channel) * height + piece.rows.start;
-                let values = &self.small[plane * columns..][..piece.rows.len() * columns];
-                values.iter().zip(places.by_ref()).for_each(|(from, to)| *to = *from);
+                let count = piece.rows.len() * columns;
+                let plane = (piece.picture * self.geometry.small_channels + first) * height + piece.rows.start;
+                let places = &mut places[done * width..][..count * width];
+                transpose(&self.small[plane * columns..], height * columns, [channels, count], places, width);
+                done += count;
             }
         }
         pixels
-    }
-
-    fn of_a_channel(&self) -> usize {
-        self.geometry.large_channels * self.geometry.taps()
     }
 }
 
@@ -251,13 +285,14 @@ impl Panels<'_> {
     /// Panels innermost: they all read the same pixels.
     #[inline(always)]
     fn run<S: Simd, const M: usize, const N: usize>(&mut self, simd: S) {
-        let run = self.work.geometry.kernel * self.work.geometry.large_channels;
+        let run = self.work.geometry.kernel * self.work.interleaved.column_stride;
         for kernel_row in 0..self.work.geometry.kernel {
             let mut place = 0;
             while place < run {
                 place += match (run - place).div_ceil(S::F32_LANES) {
                     1 => self.column::<S, M, 1>(simd, kernel_row, place, run),
-                    vectors if vectors >= N => self.column::<S, M, N>(simd, kernel_row, place, run),
+                    // Two and two: a single vector has too few sums for a load to pay off.
+                    vectors if vectors >= N && vectors != 4 => self.column::<S, M, N>(simd, kernel_row, place, run),
                     _ => self.column::<S, M, 2>(simd, kernel_row, place, run),
                 };
             }
@@ -276,7 +311,7 @@ impl Panels<'_> {
         let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
         let count = (N * S::F32_LANES).min(run - place);
         let panels =
-            self.sums.chunks_mut(M * self.work.of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
+            self.sums.chunks_mut(M * self.work.sums_of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
         for (sums, gradients) in panels {
             let (mut gradients, _) = gradients.as_chunks::<M>();
             let mut added = tile::zero::<S, M, N>(simd);
@@ -286,7 +321,7 @@ impl Panels<'_> {
                 added = tile::add_outer::<S, M, N>(simd, added, source, lines, of_piece);
                 gradients = rest;
             }
-            let channels = sums.chunks_exact_mut(self.work.of_a_channel());
+            let channels = sums.chunks_exact_mut(self.work.sums_of_a_channel());
             for ((channel, added), line) in channels.zip(&added).zip(&mut scratch) {
                 let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
                 vectors.copy_from_slice(added);
@@ -311,19 +346,4 @@ impl Work<'_> {
         };
         (&lines[row * interleaved.row_stride + place..], shape)
     }
-}
-
-/// Adds the pieces up, in their order, and brings the result into the order of the weights.
-fn collect(geometry: &Geometry, sums: &[f32], weights: &mut [f32]) {
-    let (taps, channels) = (geometry.taps(), geometry.large_channels);
-    weights.par_chunks_mut(channels * taps).enumerate().for_each(|(output, weights)| {
-        weights.fill(0.0);
-        for sums in sums.chunks_exact(geometry.weights()) {
-            let sums = &sums[output * channels * taps..][..channels * taps];
-            for (channel, weights) in weights.chunks_exact_mut(taps).enumerate() {
-                let of_channel = sums[channel..].iter().step_by(channels);
-                weights.iter_mut().zip(of_channel).for_each(|(to, from)| *to += from);
-            }
-        }
-    });
 }

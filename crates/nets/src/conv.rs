@@ -5,6 +5,8 @@
 //! compare with.
 
 mod flex;
+mod join;
+mod memory;
 
 use crate::layers::{crop, spatial_size};
 use burn::nn::PaddingConfig2d;
@@ -56,6 +58,14 @@ pub(crate) fn convolve_up(
     };
     let computed = product();
     computed.unwrap_or_else(|| activate(crop(layer.forward(input), size), activation))
+}
+
+/// The channels of several tensors side by side.
+///
+/// # Shapes
+/// - `tensors`: `[batch, any, height, width]` each
+pub(crate) fn concatenate(tensors: Vec<Tensor<4>>) -> Tensor<4> {
+    join::concatenate(&tensors).unwrap_or_else(|| Tensor::cat(tensors, 1))
 }
 
 fn activate(features: Tensor<4>, activation: Activation) -> Tensor<4> {

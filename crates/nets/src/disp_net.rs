@@ -4,7 +4,7 @@
 //! finer one seeing the coarser one enlarged. Kernels are 7, 5, then 3.
 
 use crate::config::check_channels;
-use crate::conv::{Activation, convolve};
+use crate::conv::{Activation, concatenate, convolve};
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size, upsample};
 use burn::module::Module;
@@ -214,7 +214,7 @@ impl DispNet {
             let mut inputs = vec![stage.up.forward(features, size)];
             inputs.extend(skip);
             inputs.extend(scales.last().map(|coarser| upsample(coarser.clone(), size)));
-            features = stage.fuse.forward(Tensor::cat(inputs, 1));
+            features = stage.fuse.forward(concatenate(inputs));
             if index >= FIRST_HEAD {
                 let head = &self.heads[index - FIRST_HEAD];
                 let disparity = self.disparity(convolve(head, features.clone(), Activation::None));

@@ -145,8 +145,8 @@ fn profile(what: &str, checkpoint: &Checkpoint, size: Size, count: usize) -> Res
     let mut plan = InferencePlan::new(checkpoint, [size.height, size.width], false)?;
     plan.depth_and_motion(&snippet);
     let run = |_| match what {
-        "depth" => plan.depth.as_mut().map(DepthPlan::profile),
-        _ => plan.motion.as_mut().map(MotionPlan::profile),
+        "depth" => plan.depth.as_mut().map(|plan| plan.profile(&snippet[..3 * size.area()])),
+        _ => plan.motion.as_mut().map(|plan| plan.profile(&snippet)),
     };
     let runs: Vec<Vec<StepTime>> = (0..count.max(1)).filter_map(run).collect();
     let row = |(index, step): (usize, &StepTime)| {

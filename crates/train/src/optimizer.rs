@@ -7,7 +7,7 @@ use burn::backend::Flex;
 use burn::backend::flex::FlexTensor;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{Adam, AdamConfig, AdamState, GradientsParams, LearningRate, ModuleOptimizer, Optimizer};
-use burn::tensor::{DType, Device, Tensor, TensorData};
+use burn::tensor::{DType, Device, Tensor};
 use endoscape_kernels::AdamStep;
 
 const BETA_1: f32 = 0.9;
@@ -80,7 +80,6 @@ fn fused_step<const D: usize>(
     gradient: Tensor<D>,
     mut state: AdamState<D>,
 ) -> (Tensor<D>, AdamState<D>) {
-    let shape = parameters.dims();
     state.momentum.time += 1;
     let step = AdamStep {
         beta_1: BETA_1,
@@ -89,13 +88,13 @@ fn fused_step<const D: usize>(
         learning_rate: rate as f32,
         time: state.momentum.time,
     };
-    let (parameters, gradient) = (contiguous(parameters), contiguous(gradient));
+    let (parameters, mut updated) = (contiguous(parameters), contiguous(gradient));
     let (mut means, mut squares) = (contiguous(state.momentum.moment_1), contiguous(state.momentum.moment_2));
     let moments = [means.storage_mut::<f32>(), squares.storage_mut::<f32>()];
-    let updated = step.apply(parameters.storage::<f32>(), gradient.storage::<f32>(), moments);
+    // The new parameters take the gradient's memory, which nobody else has any more.
+    step.apply(parameters.storage::<f32>(), updated.storage_mut::<f32>(), moments);
     state.momentum.moment_1 = Tensor::from_primitive::<Flex>(means);
     state.momentum.moment_2 = Tensor::from_primitive::<Flex>(squares);
-    let updated = FlexTensor::from_data(TensorData::new(updated, shape));
     (Tensor::from_primitive::<Flex>(updated), state)
 }
 

@@ -23,6 +23,31 @@ pub struct KannalaBrandt {
     pub k4: f64,
 }
 
+impl KannalaBrandt {
+    /// Derivative of the radius by the angle.
+    fn slope(&self, theta: f64) -> f64 {
+        let t2 = theta * theta;
+        1.0 + t2 * (3.0 * self.k1 + t2 * (5.0 * self.k2 + t2 * (7.0 * self.k3 + t2 * 9.0 * self.k4)))
+    }
+
+    /// The angle at which a ray has a radius: by Newton's method, which takes three or four steps, and by bracketing
+    /// where that leaves the domain.
+    fn angle(&self, radius: f64, widest_rad: f64) -> Option<f64> {
+        let mut theta = radius.min(widest_rad);
+        for _ in 0..8 {
+            let next = theta - (self.radius(theta) - radius) / self.slope(theta);
+            if !(0.0..=widest_rad).contains(&next) {
+                break;
+            }
+            if (next - theta).abs() <= 4.0 * f64::EPSILON * next {
+                return Some(next);
+            }
+            theta = next;
+        }
+        invert_monotone(radius, 0.0, widest_rad, |theta| self.radius(theta))
+    }
+}
+
 impl Projection for KannalaBrandt {
     fn radius(&self, theta: f64) -> f64 {
         let t2 = theta * theta;
@@ -43,15 +68,13 @@ impl Projection for KannalaBrandt {
 
     fn linearise(&self, point: &Vector3<f64>) -> (Vector2<f64>, Matrix2x3<f64>) {
         let theta = point.xy().norm().atan2(point.z);
-        let t2 = theta * theta;
-        let slope = 1.0 + t2 * (3.0 * self.k1 + t2 * (5.0 * self.k2 + t2 * (7.0 * self.k3 + t2 * 9.0 * self.k4)));
-        let (plane, derivative) = radial(point, self.radius(theta), slope);
+        let (plane, derivative) = radial(point, self.radius(theta), self.slope(theta));
         (self.intrinsics.pixel(plane), self.intrinsics.stretch() * derivative)
     }
 
     fn unproject(&self, pixel: &Vector2<f64>, widest_rad: f64) -> Option<Vector3<f64>> {
         let plane = self.intrinsics.plane(pixel);
-        let theta = invert_monotone(plane.norm(), 0.0, widest_rad, |theta| self.radius(theta))?;
+        let theta = self.angle(plane.norm(), widest_rad)?;
         let direction = plane.try_normalize(0.0).unwrap_or_default();
         Some((direction * theta.sin()).push(theta.cos()))
     }

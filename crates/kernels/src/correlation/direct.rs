@@ -5,6 +5,7 @@ use super::shape::Shape;
 use super::{Epilogue, PackedWeights};
 use crate::planes::Planes;
 use crate::tile::{self, MAX_CHANNELS, MAX_PIXELS};
+use crate::transpose::transpose;
 use pulp::{Simd, WithSimd};
 
 /// Numbers of input a piece of work may look at, so that they stay in the second level cache.
@@ -51,14 +52,25 @@ impl Plan {
 
     /// Weights of a panel: for each pass, `[input channel][tap][channel]`.
     pub fn pack(&self, shape: &Shape, weights: &[f32], panel: &Panel, values: &mut [f32]) {
-        values.fill(0.0);
-        for (lane, output) in panel.channels.clone().enumerate() {
-            let mut places = values.iter_mut().skip(lane).step_by(panel.width);
-            for taps in &shape.passes {
-                for input in 0..shape.inputs {
-                    let kernel = &weights[shape.weight(output, input, 0)..][..shape.geometry.taps()];
-                    let kernel = taps.iter().map(|tap| kernel[tap.index]);
-                    kernel.zip(places.by_ref()).for_each(|(weight, place)| *place = weight);
+        let (taps, width, channels) = (shape.geometry.taps(), panel.width, panel.channels.len());
+        if channels < width {
+            values.fill(0.0);
+        }
+        let first = |input: usize| shape.weight(panel.channels.start, input, 0);
+        let from_channel_to_channel = shape.weight(1, 0, 0);
+        if shape.passes.len() == 1 && (from_channel_to_channel > taps || shape.inputs == 1) {
+            // The kernels of all inputs lie in one run.
+            let columns = shape.inputs * taps;
+            transpose(&weights[first(0)..], from_channel_to_channel, [channels, columns], values, width);
+            return;
+        }
+        let mut kernels = vec![0.0; taps * width];
+        for input in 0..shape.inputs {
+            transpose(&weights[first(input)..], from_channel_to_channel, [channels, taps], &mut kernels, width);
+            for (pass, (_, before)) in shape.passes.iter().zip(&self.passes) {
+                let places = values[(before * shape.inputs + input * pass.len()) * width..].chunks_exact_mut(width);
+                for (tap, place) in pass.iter().zip(places) {
+                    place.copy_from_slice(&kernels[tap.index * width..][..width]);
                 }
             }
         }
@@ -79,7 +91,7 @@ impl Work<'_> {
         let (source, grid_rows) = (&self.plan.source, self.shape.grid[0]);
         let lines_per_row = self.shape.spread;
         let panels = self.weights.panels.len();
-        let many = self.weights.values.len() > MANY_WEIGHTS;
+        let many = self.weights.length > MANY_WEIGHTS;
         let picture = source.picture_stride();
         if many && picture <= 2 * WINDOW {
             let segments_per_task = (2 * WINDOW / picture.max(1)).clamp(1, pictures);
@@ -152,7 +164,8 @@ impl Strip<'_, '_> {
                 let vectors = (positions - position).div_ceil(S::F32_LANES);
                 position += match vectors {
                     1 => self.tile::<S, M, 1>(simd, phase, position, positions),
-                    vectors if vectors >= N => self.tile::<S, M, N>(simd, phase, position, positions),
+                    // Two and two: a single vector has too few sums for a load to pay off.
+                    vectors if vectors >= N && vectors != 4 => self.tile::<S, M, N>(simd, phase, position, positions),
                     _ => self.tile::<S, M, 2>(simd, phase, position, positions),
                 };
             }

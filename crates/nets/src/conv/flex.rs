@@ -1,16 +1,15 @@
 //! Convolutions on Burn's Flex device by our kernels, with their gradients.
 
 use super::Activation;
+use super::memory::{Memory, give_back, tensor, unused, values, with_memory};
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::flex::FlexTensor;
-use burn::backend::{Autodiff, Flex, TensorMetadata};
-use burn::tensor::{DType, Shape, Tensor, TensorData};
-use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Workspace, bias_gradient, weight_gradient};
-use std::borrow::Cow;
-use std::cell::Cell;
+use burn::backend::{Autodiff, Flex};
+use burn::tensor::{DType, Tensor};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level};
+use endoscape_kernels::{awake, bias_gradient, relu_bias_gradient, weight_gradient};
 
 /// Which picture of a [`Geometry`] is made from the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,22 +34,6 @@ impl Direction {
             Self::ToLarge => Self::ToSmall,
         }
     }
-}
-
-/// Memory of a thread that is used again from layer to layer.
-#[derive(Default)]
-struct Memory {
-    pictures: Workspace,
-    gradients: GradientWorkspace,
-}
-
-/// Lends the thread's memory. A nested call, which a stolen task may be, gets memory of its own.
-fn with_memory<R>(work: impl FnOnce(&mut Memory) -> R) -> R {
-    thread_local!(static MEMORY: Cell<Option<Box<Memory>>> = const { Cell::new(None) });
-    let mut memory = MEMORY.take().unwrap_or_default();
-    let result = work(&mut memory);
-    MEMORY.set(Some(memory));
-    result
 }
 
 /// The product of `[input, weight]` plus `bias`; `None` if the tensors are not of single precision on the Flex device.
@@ -123,7 +106,7 @@ impl Product {
     fn forward(&self, input: &FlexTensor, weight: &FlexTensor, bias: &FlexTensor) -> FlexTensor {
         let bias = values(bias);
         let epilogue = Epilogue { bias: Some(&bias), relu: self.relu };
-        self.picture(self.direction, &values(input), &values(weight), epilogue)
+        awake(|| self.picture(self.direction, &values(input), &values(weight), epilogue))
     }
 
     /// One picture from the other.
@@ -131,11 +114,13 @@ impl Product {
         let extents = self.extents();
         let [from, to] = if direction == self.direction { extents } else { [extents[1], extents[0]] };
         let batch = input.len() / from.iter().product::<usize>();
-        let mut output = vec![0.0; batch * to.iter().product::<usize>()];
+        let mut output = unused([batch, to[0], to[1], to[2]]);
         let correlation = direction.correlation(&self.geometry);
-        let packed = correlation.pack(weight);
-        with_memory(|memory| correlation.run(input, &packed, epilogue, &mut output, &mut memory.pictures));
-        tensor(output, [batch, to[0], to[1], to[2]])
+        with_memory(|Memory { packed, pictures, .. }| {
+            correlation.pack_into(weight, packed);
+            correlation.run(input, packed, epilogue, output.storage_mut(), pictures);
+        });
+        output
     }
 
     fn weight_gradient(&self, input: &[f32], gradient: &[f32]) -> FlexTensor {
@@ -152,10 +137,17 @@ impl Product {
         tensor(weights, [small_channels, large_channels, kernel, kernel])
     }
 
-    fn bias_gradient(&self, gradient: &[f32]) -> FlexTensor {
+    /// Takes the gradient back through the ReLU, if there is one, and sums it up for the bias.
+    fn bias_gradient(&self, gradient: &mut FlexTensor, output: Option<&FlexTensor>) -> FlexTensor {
         let [_, [channels, height, width]] = self.extents();
-        let mut bias = vec![0.0; channels];
-        bias_gradient(gradient, height * width, &mut bias);
+        let (area, mut bias) = (height * width, vec![0.0; channels]);
+        match (output, gradient.layout().contiguous_offsets()) {
+            (Some(output), Some((start, end))) => {
+                let gradient = &mut gradient.storage_mut::<f32>()[start..end];
+                relu_bias_gradient(gradient, &values(output), area, &mut bias);
+            }
+            _ => bias_gradient(&values(gradient), area, &mut bias),
+        }
         tensor(bias, [channels])
     }
 }
@@ -173,35 +165,25 @@ impl Backward<Flex, 3> for Product {
     type State = Kept;
 
     fn backward(self, ops: Ops<Kept, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        // Of concatenated features this is a part, which does not lie together.
+        // Of concatenated features this may be a part, which does not lie together.
         let mut gradient = gradients.consume::<Flex>(&ops.node).to_contiguous();
         let Kept { input, weight, output } = ops.state;
-        if let (Some(output), Some((start, end))) = (output, gradient.layout().contiguous_offsets()) {
-            endoscape_kernels::relu_gradient(&mut gradient.storage_mut::<f32>()[start..end], &values(&output));
-        }
-        let gradient = values(&gradient);
         let [input_node, weight_node, bias_node] = ops.parents;
-        if let Some(node) = input_node {
-            let back = self.direction.reversed();
-            gradients.register::<Flex>(node.id, self.picture(back, &gradient, &values(&weight), Epilogue::default()));
+        let wanted = [&input_node, &weight_node].map(Option::is_some);
+        let [of_input, of_weight, of_bias] = awake(|| {
+            let of_bias = self.bias_gradient(&mut gradient, output.as_ref());
+            let gradient = values(&gradient);
+            let back = || self.picture(self.direction.reversed(), &gradient, &values(&weight), Epilogue::default());
+            let of_input = wanted[0].then(back);
+            let of_weight = wanted[1].then(|| self.weight_gradient(&values(&input), &gradient));
+            [of_input, of_weight, Some(of_bias)]
+        });
+        for (node, gradient) in [(input_node, of_input), (weight_node, of_weight), (bias_node, of_bias)] {
+            if let (Some(node), Some(gradient)) = (node, gradient) {
+                gradients.register::<Flex>(node.id, gradient);
+            }
         }
-        if let Some(node) = weight_node {
-            gradients.register::<Flex>(node.id, self.weight_gradient(&values(&input), &gradient));
-        }
-        if let Some(node) = bias_node {
-            gradients.register::<Flex>(node.id, self.bias_gradient(&gradient));
-        }
+        // Layers before this one need memory of that size next.
+        [Some(gradient), Some(input), output].into_iter().flatten().for_each(give_back);
     }
-}
-
-/// The numbers of a tensor in their order, copied where they do not lie in that order.
-fn values(tensor: &FlexTensor) -> Cow<'_, [f32]> {
-    match tensor.as_slice::<f32>() {
-        Some(values) => Cow::Borrowed(values),
-        None => Cow::Owned(tensor.to_contiguous().storage::<f32>()[..tensor.shape().num_elements()].to_vec()),
-    }
-}
-
-fn tensor(values: Vec<f32>, shape: impl Into<Shape>) -> FlexTensor {
-    FlexTensor::from_data(TensorData::new(values, shape))
 }

@@ -1,6 +1,6 @@
 //! Our kernels beside Burn's own convolutions: values and gradients.
 
-use super::{Activation, activate, convolve, convolve_up};
+use super::{Activation, activate, concatenate, convolve, convolve_up, join};
 use crate::layers::{LayerFactory, Padding, crop};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Distribution, Gradients, Tensor};
@@ -43,6 +43,26 @@ fn compare(
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn concatenation_is_that_of_burn(
+        channels in prop::collection::vec(1_usize..9, 2..4),
+        size in [1_usize..9, 1_usize..9],
+        batch in 1_usize..4,
+    ) {
+        let device = Device::flex().autodiff();
+        let part = |channels: &usize| noise([batch, *channels, size[0], size[1]], &device).require_grad();
+        let parts: Vec<Tensor<4>> = channels.iter().map(part).collect();
+        prop_assert!(join::concatenate(&parts).is_some());
+        let (ours, theirs) = (concatenate(parts.clone()), Tensor::cat(parts.clone(), 1));
+        let weights = noise(theirs.dims(), &device);
+        let gradients = |joined: &Tensor<4>| (joined.clone() * weights.clone()).sum().backward();
+        let (of_ours, of_theirs) = (gradients(&ours), gradients(&theirs));
+        prop_assert_eq!(error(ours, theirs), 0.0);
+        for part in &parts {
+            prop_assert_eq!(error(part.grad(&of_ours).unwrap(), part.grad(&of_theirs).unwrap()), 0.0);
+        }
+    }
 
     #[test]
     fn convolutions_are_those_of_burn(

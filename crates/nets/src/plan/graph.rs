@@ -9,7 +9,7 @@ use crate::folding::{Kernel, folded};
 use crate::layers::{ConvBlock, UpConvBlock};
 use burn::nn::conv::Conv2d;
 use burn::tensor::ExecutionError;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, PackedWeights, Workspace, enlarge};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, PackedWeights, Workspace, awake, enlarge};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
@@ -64,6 +64,12 @@ pub struct Graph {
 }
 
 impl Graph {
+    /// What the network reads, which stays where it is: a run is given it.
+    pub fn input(&mut self, channels: usize, size: [usize; 2]) -> Value {
+        self.buffers.push(Vec::new());
+        Value { buffer: self.buffers.len() - 1, first_channel: 0, channels, size }
+    }
+
     /// A new buffer.
     pub fn buffer(&mut self, channels: usize, size: [usize; 2]) -> Value {
         self.buffers.push(vec![0.0; channels * size[0] * size[1]]);
@@ -130,21 +136,22 @@ impl Graph {
         &self.buffers[value.buffer][value.range()]
     }
 
-    /// The numbers of a value, to be written.
-    pub fn values_mut(&mut self, value: Value) -> &mut [f32] {
-        &mut self.buffers[value.buffer][value.range()]
-    }
-
-    /// Computes every step.
-    pub fn run(&mut self) {
-        self.run_observed(|_, _| ());
+    /// Computes every step from the numbers of the input.
+    ///
+    /// # Panics
+    /// If they are not as many as the input has.
+    pub fn run(&mut self, input: Value, numbers: &[f32]) {
+        self.run_observed(input, numbers, |_, _| ());
     }
 
     /// Computes every step and says how long each took.
-    pub fn profile(&mut self) -> Vec<StepTime> {
+    ///
+    /// # Panics
+    /// As [`Self::run`].
+    pub fn profile(&mut self, input: Value, numbers: &[f32]) -> Vec<StepTime> {
         let mut times = Vec::with_capacity(self.steps.len());
         let mut mark = Instant::now();
-        self.run_observed(|step, to| {
+        self.run_observed(input, numbers, |step, to| {
             let now = Instant::now();
             times.push(StepTime::new(step, to, now - mark));
             mark = now;
@@ -152,14 +159,15 @@ impl Graph {
         times
     }
 
-    fn run_observed(&mut self, mut observe: impl FnMut(&Step, Value) + Send) {
+    fn run_observed(&mut self, input: Value, numbers: &[f32], mut observe: impl FnMut(&Step, Value) + Send) {
+        assert_eq!(numbers.len(), input.range().len(), "numbers of the input");
         let Self { buffers, steps, workspace } = self;
-        // On a thread of the pool: handing every layer over from outside takes longer than a small layer.
-        rayon::scope(|_| {
+        awake(|| {
             for (step, from, to) in steps {
                 // Nothing is computed in place but by `Squash`, whose output is its input.
                 let mut output = std::mem::take(&mut buffers[to.buffer]);
-                step.run(&buffers[from.buffer], *from, &mut output[to.range()], to.size, workspace);
+                let source = if from.buffer == input.buffer { numbers } else { &buffers[from.buffer] };
+                step.run(source, *from, &mut output[to.range()], to.size, workspace);
                 buffers[to.buffer] = output;
                 observe(step, *to);
             }

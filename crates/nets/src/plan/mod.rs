@@ -13,6 +13,7 @@ use crate::disp_net::{DispNet, FIRST_HEAD};
 use crate::error::NetsError;
 use crate::pose_mask_net::{MOTION_SCALE, MaskDecoder, MaskHead, PoseMaskNet};
 use endoscape_core::Rotation;
+use endoscape_kernels::awake;
 pub use graph::StepTime;
 use graph::{Graph, Value};
 
@@ -49,10 +50,12 @@ impl InferencePlan {
     pub fn depth_and_motion(&mut self, snippet: &[f32]) -> (&[f32], Vec<[f64; 6]>) {
         let Self { depth, motion } = self;
         let area = depth.as_ref().map_or(0, |plan| plan.image.size[0] * plan.image.size[1]);
-        rayon::join(
-            || depth.as_mut().map_or(&[] as &[f32], |plan| plan.disparity(&snippet[..3 * area])),
-            || motion.as_mut().map_or_else(Vec::new, |plan| plan.motion(snippet)),
-        )
+        awake(|| {
+            rayon::join(
+                || depth.as_mut().map_or(&[] as &[f32], |plan| plan.disparity(&snippet[..3 * area])),
+                || motion.as_mut().map_or_else(Vec::new, |plan| plan.motion(snippet)),
+            )
+        })
     }
 }
 
@@ -72,7 +75,7 @@ impl DepthPlan {
     pub fn new(net: &DispNet, size: [usize; 2]) -> Result<Self, NetsError> {
         check_size(size)?;
         let mut graph = Graph::default();
-        let image = graph.buffer(3, size);
+        let image = graph.input(3, size);
         let disparity = disp_net(&mut graph, net, image)?;
         Ok(Self { graph, image, disparity })
     }
@@ -86,14 +89,16 @@ impl DepthPlan {
     /// # Panics
     /// If the picture's length is not the plan's.
     pub fn disparity(&mut self, image: &[f32]) -> &[f32] {
-        self.graph.values_mut(self.image).copy_from_slice(image);
-        self.graph.run();
+        self.graph.run(self.image, image);
         self.graph.values(self.disparity)
     }
 
-    /// Runs the network on the picture of the last call and says how long each step took.
-    pub fn profile(&mut self) -> Vec<StepTime> {
-        self.graph.profile()
+    /// Runs the network on a picture, as [`Self::disparity`] does, and says how long each step took.
+    ///
+    /// # Panics
+    /// If the picture's length is not the plan's.
+    pub fn profile(&mut self, image: &[f32]) -> Vec<StepTime> {
+        self.graph.profile(self.image, image)
     }
 }
 
@@ -115,7 +120,7 @@ impl MotionPlan {
     pub fn new(net: &PoseMaskNet, size: [usize; 2], with_mask: bool) -> Result<Self, NetsError> {
         check_size(size)?;
         let mut graph = Graph::default();
-        let snippet = graph.buffer(3 * (net.sources + 1), size);
+        let snippet = graph.input(3 * (net.sources + 1), size);
         let mut stages = vec![snippet];
         for block in &net.encoder {
             stages.push(halve(&mut graph, block, stages[stages.len() - 1])?);
@@ -139,17 +144,19 @@ impl MotionPlan {
     /// # Panics
     /// If the snippet's length is not the plan's.
     pub fn motion(&mut self, snippet: &[f32]) -> Vec<[f64; 6]> {
-        self.graph.values_mut(self.snippet).copy_from_slice(snippet);
-        self.graph.run();
+        self.graph.run(self.snippet, snippet);
         let area = self.head.size[0] * self.head.size[1];
         let mean = |plane: &[f32]| MOTION_SCALE * f64::from(plane.iter().sum::<f32>()) / area as f64;
         let numbers: Vec<f64> = self.graph.values(self.head).chunks_exact(area).map(mean).collect();
         numbers.as_chunks::<6>().0.to_vec()
     }
 
-    /// Runs the network on the snippet of the last call and says how long each step took.
-    pub fn profile(&mut self) -> Vec<StepTime> {
-        self.graph.profile()
+    /// Runs the network on a snippet, as [`Self::motion`] does, and says how long each step took.
+    ///
+    /// # Panics
+    /// If the snippet's length is not the plan's.
+    pub fn profile(&mut self, snippet: &[f32]) -> Vec<StepTime> {
+        self.graph.profile(self.snippet, snippet)
     }
 
     /// Reliability of the last snippet's target, `[sources, height, width]`, if the plan was made with a mask.

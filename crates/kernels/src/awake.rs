@@ -1,0 +1,61 @@
+//! Keeping the threads of the pool awake.
+
+use rayon::Yield;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long a thread without work waits before it may fall asleep after all.
+const PATIENCE: Duration = Duration::from_micros(200);
+
+/// Does work of many small parallel parts on a thread of the pool, whose other threads stay awake between the parts.
+///
+/// Threads without work fall asleep within microseconds, and waking one takes longer than a small layer. A thread that
+/// finds nothing to do for a while sleeps all the same, so that nobody waits for it: calls may be nested, where the
+/// inner one changes nothing.
+pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    if rayon::current_thread_index().is_some() {
+        return work();
+    }
+    let done = &AtomicBool::new(false);
+    rayon::scope(|scope| {
+        let own = rayon::current_thread_index();
+        for _ in 1..rayon::current_num_threads() {
+            // The thread that does the work may get one of these back while it waits for others.
+            scope.spawn(move |_| {
+                if rayon::current_thread_index() != own {
+                    wait_until(done);
+                }
+            });
+        }
+        let result = work();
+        done.store(true, Ordering::Release);
+        result
+    })
+}
+
+fn wait_until(done: &AtomicBool) {
+    let mut idle_since = Instant::now();
+    while !done.load(Ordering::Acquire) && idle_since.elapsed() < PATIENCE {
+        match rayon::yield_now() {
+            Some(Yield::Executed) => idle_since = Instant::now(),
+            _ => std::hint::spin_loop(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+
+    #[test]
+    fn work_is_done_once_nested_or_not() {
+        let sum = || (0..1000_u64).into_par_iter().sum::<u64>();
+        for threads in 1..4 {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let nested = || rayon::join(|| awake(sum), || awake(|| awake(sum)));
+            assert_eq!(pool.install(nested), (499_500, 499_500));
+        }
+        assert_eq!(awake(|| rayon::join(|| awake(sum), sum)), (499_500, 499_500));
+    }
+}
