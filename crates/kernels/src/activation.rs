@@ -12,7 +12,7 @@ const PIECE: usize = 1 << 14;
 /// - `bias`: `[channels]`, all of it is written
 pub fn bias_gradient(gradient: &[f32], area: usize, bias: &mut [f32]) {
     let planes = gradient.par_chunks(area.max(1)).with_min_len(PIECE / area.max(1) + 1);
-    collect(planes.map(sum).collect(), bias);
+    collect(&planes.map(sum).collect::<Vec<_>>(), bias);
 }
 
 /// Makes the gradient after a ReLU that before it, zero where the ReLU let nothing through, and sums it as
@@ -29,11 +29,11 @@ pub fn relu_bias_gradient(gradient: &mut [f32], output: &[f32], area: usize, bia
         }
         sum(gradient)
     });
-    collect(sums.collect(), bias);
+    collect(&sums.collect::<Vec<_>>(), bias);
 }
 
 /// Adds up the sums of planes, channel by channel in the order of the batch.
-fn collect(sums: Vec<f32>, bias: &mut [f32]) {
+fn collect(sums: &[f32], bias: &mut [f32]) {
     bias.fill(0.0);
     for sums in sums.chunks_exact(bias.len().max(1)) {
         bias.iter_mut().zip(sums).for_each(|(bias, sum)| *bias += sum);

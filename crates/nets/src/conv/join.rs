@@ -31,7 +31,7 @@ fn join<const N: usize>(tensors: [&Tensor<4>; N]) -> Option<Tensor<4>> {
     let joined = |parts: &[FlexTensor]| {
         let parts: Vec<_> = parts.iter().map(values).collect();
         let mut whole = unused([batch, channels.iter().sum(), height, width]);
-        copies(whole.storage_mut(), parts.iter().map(|part| &part[..]).zip(sizes)).into_par_iter().for_each(
+        copies(whole.storage_mut(), &parts.iter().map(|part| &part[..]).zip(sizes)).into_par_iter().for_each(
             |(to, from)| {
                 to.copy_from_slice(from);
             },
@@ -52,7 +52,7 @@ fn join<const N: usize>(tensors: [&Tensor<4>; N]) -> Option<Tensor<4>> {
 /// The pieces of a whole, `[batch, parts]`, each with the piece of the part it comes from.
 fn copies<'a>(
     whole: &'a mut [f32],
-    parts: impl Iterator<Item = (&'a [f32], usize)> + Clone,
+    parts: &(impl Iterator<Item = (&'a [f32], usize)> + Clone),
 ) -> Vec<(&'a mut [f32], &'a [f32])> {
     let mut rest = whole;
     let mut pieces = Vec::new();

@@ -124,8 +124,8 @@ mod tests {
 
     #[test]
     fn blocks_are_a_sixth_and_spread_over_long_videos() {
-        assert_eq!(blocks(150, 6), [125..150]);
-        assert_eq!(blocks(7, 6), [5..7]);
+        assert_eq!(blocks(150, 6), vec![125..150]);
+        assert_eq!(blocks(7, 6), vec![5..7]);
         let long = blocks(1500, 6);
         assert_eq!(long, [416..500, 916..1000, 1416..1500]);
         assert!(blocks(0, 6).is_empty());
