@@ -243,7 +243,8 @@ impl Reference {
     }
 
     /// Lets a picture whose motion is known say how deep the points are; those that it shows too little moved, or not
-    /// clearly, stay as they are.
+    /// clearly, stay as they are. `alignment` has the motion and the change of brightness, `noise` is the standard
+    /// deviation of brightness between the pictures, grey levels.
     pub fn observe(&mut self, current: &Pyramid, lenses: &Lenses, alignment: &Alignment, noise: f64) {
         let (level, lens) = (current.level(0), lenses.level(0));
         let (motion, brightness) = (alignment.current_from_reference, alignment.brightness);

@@ -232,7 +232,8 @@ impl Camera {
         (pixel.x.is_finite() && pixel.y.is_finite()).then(|| Point2::from(pixel))
     }
 
-    /// [`Camera::project`] with its derivative by the point, pixels per unit of length.
+    /// [`Camera::project`] with its derivative by the point (camera frame): rows are column and row of the pixel, columns
+    /// the axes of the point, pixels per unit of its length. `None` where the projection is.
     pub fn project_with_derivative(&self, point_in_camera: &Point3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let point = &point_in_camera.coords;
         if !self.sees(point) {
