@@ -1,14 +1,15 @@
 //! [`LearnedOdometry`]: the networks as an [`Odometry`], [`LearnedDepth`]: the depth network as a [`DepthEstimator`].
 //!
 //! A frame's way through [`LearnedOdometry::track`]: resized as in training; looked at for flaws; its depth predicted;
-//! its motion against the anchor measured in a window ([`crate::history`]) and sharpened ([`crate::refine`]); compared
-//! with the anchor for the unit of length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants:
+//! its motion against the anchor measured in a window ([`crate::history`]) and sharpened ([`crate::refine`]); its depth
+//! corrected by what the motion has measured ([`crate::correct`]); compared with the anchor for the unit of length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants:
 //! the state has a bounded size, every frame gets a finite pose, and the same frames give the same poses.
 
 use crate::OdometryError;
 use crate::chain::{self, Motion};
 use crate::confidence::likeness;
 use crate::config::OdometryConfig;
+use crate::correct::corrected;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
 use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
@@ -237,7 +238,7 @@ impl LearnedOdometry {
     /// The first usable frame has the latest known pose; usually it is the first of all and makes the world.
     fn begin(&mut self, present: &Present) -> Tracked {
         let view = present.view(self.path.pose());
-        let keyframe = present.keyframe(view, Scale::default(), self.refiner());
+        let keyframe = present.keyframe(view, present.depth.clone(), Scale::default(), self.refiner());
         let OdometryConfig { fixed_gap, least_displacement, .. } = self.config;
         let side = self.motion.side();
         self.history = Some(History::new(keyframe, Spacing { side, fixed_gap, least_displacement }));
@@ -336,17 +337,35 @@ impl LearnedOdometry {
         let anchor_from_frame = chain::scaled(&frame_from_anchor, anchor.scale.factor()).inverse();
         let world_from_camera = chain::renormalised(anchor.view.world_from_camera * anchor_from_frame);
         self.path.arrive(world_from_camera);
+        let measured = self.measured(anchor, present, &frame_from_anchor, scale);
+        let depth = measured.map_or_else(|| present.depth.clone(), Arc::new);
         let view = present.view(world_from_camera);
-        let keyframe = (distance == Distance::Far).then(|| present.keyframe(view.clone(), scale, self.refiner()));
+        let keyframe = |view: View| present.keyframe(view, depth.clone(), scale, self.refiner());
+        let keyframe = (distance == Distance::Far).then(|| keyframe(view.clone()));
         history.remember(view, keyframe);
         let confidence = likeness * self.agreement;
         Tracked {
             world_from_camera: Some(world_from_camera),
             confidence,
-            depth: Some(DepthMap::new(present.depth.map(|depth| depth * scale.factor() as f32))),
+            depth: Some(DepthMap::new(depth.map(|depth| depth * scale.factor() as f32))),
             reliability,
             warning: (confidence < self.config.lost_below).then(|| DOUBTFUL.to_owned()),
         }
+    }
+
+    /// The frame's depth in its own unit, `scale`, as pictures have measured it at the anchor's points.
+    fn measured(
+        &self,
+        anchor: &Keyframe,
+        present: &Present,
+        frame_from_anchor: &Pose,
+        scale: Scale,
+    ) -> Option<Grid<f32>> {
+        let (reference, refiner) = anchor.reference.as_ref().zip(self.refiner())?;
+        let unit = scale.factor() / anchor.scale.factor();
+        let predicted = present.depth.map(|depth| depth * unit as f32);
+        let sightings = refiner.sightings(reference, frame_from_anchor, &predicted);
+        corrected(&present.depth, &sightings)
     }
 
     /// Compares the frame with its anchor. Without a camera nothing can be compared, and reliability stays where the
@@ -404,11 +423,11 @@ impl Present {
         View { position: self.position, image: self.image.clone(), contrast: self.contrast.clone(), world_from_camera }
     }
 
-    fn keyframe(&self, view: View, scale: Scale, refiner: Option<&Refiner>) -> Keyframe {
+    /// A keyframe of the frame with `depth` in its own unit.
+    fn keyframe(&self, view: View, depth: Arc<Grid<f32>>, scale: Scale, refiner: Option<&Refiner>) -> Keyframe {
         let sharp = refiner.zip(self.contrast.as_deref());
-        let reference = sharp.map(|(refiner, contrast)| refiner.reference(contrast, &self.depth));
-        let (luma, thumbnail, depth) = (self.luma.clone(), self.thumbnail.clone(), self.depth.clone());
-        let mut keyframe = Keyframe::new(view, luma, thumbnail, depth, scale);
+        let reference = sharp.map(|(refiner, contrast)| refiner.reference(contrast, &depth));
+        let mut keyframe = Keyframe::new(view, self.luma.clone(), self.thumbnail.clone(), depth, scale);
         keyframe.reference = reference;
         keyframe
     }

@@ -6,6 +6,7 @@
 //!                                   | networks   depth of the frame, motions of a window
 //!                                   | history    which frames make the window
 //!                                   | refine     the motion to a fraction of a pixel
+//!                                   | correct    depth as the motion has measured it
 //!                                   | scale      one unit of length over the sequence
 //!                                   | chain      motions to poses
 //!                                   | confidence how far to trust the pose
@@ -19,6 +20,7 @@
 //! | [`networks`] | the networks behind plain pictures and poses |
 //! | [`history`] | keyframes, recent frames, and the window a motion is measured in |
 //! | [`refine`] | the motion sharpened by aligning brightness |
+//! | [`correct`] | depth maps corrected by points whose depth the motion has measured |
 //! | [`chain`] | means, predictions and scaled motions on SE(3) |
 //! | [`reproject`] | where the pixels of one frame lie in another |
 //! | [`scale`], [`confidence`] | what comparing two frames says about unit and trust |
@@ -33,6 +35,7 @@
 pub mod chain;
 pub mod confidence;
 pub mod config;
+pub mod correct;
 mod error;
 pub mod health;
 pub mod history;

@@ -4,21 +4,24 @@
 //! depth network's map of the anchor, aligning brightness (docs/math.md, "Direct alignment") finds the motion to a small
 //! fraction of a pixel, in the unit of that depth.
 
-use crate::reproject::stretched;
+use crate::correct::Sighting;
+use crate::reproject::{bilinear, stretched};
 use endoscape_baselines::direct::align::Reference;
+use endoscape_baselines::direct::point::Point;
 use endoscape_baselines::direct::pyramid::{Lenses, Pyramid};
 use endoscape_baselines::direct::{Alignment, Brightness};
 use endoscape_core::{Camera, CameraError, Grid, Image, Pose, Size};
 use endoscape_frames::FramesError;
 use endoscape_frames::preprocess::specular::{self, SpecularConfig};
 use endoscape_frames::preprocess::{contrast, resize};
+use nalgebra::{Point2, Point3};
 
 /// Pixels that are compared.
 const POINTS: usize = 1200;
 
-/// Standard deviation of the depth network's answers as a share of them: the error on pictures it has not seen, after
-/// scaling (docs/results.md).
-const DEPTH_DOUBT: f64 = 0.15;
+/// Standard deviation of a keyframe's depth as a share of it, before any picture has been compared with it: the depth
+/// network's error on pictures of other makers, after scaling (docs/results.md).
+const DEPTH_DOUBT: f64 = 0.3;
 
 /// Standard deviation of local contrast between two views of one place, grey levels.
 const NOISE: f64 = 6.0;
@@ -99,6 +102,29 @@ impl Refiner {
         reference.observe(&current.pyramid, &self.lenses, &best, NOISE);
         Some(best.current_from_reference)
     }
+
+    /// What pictures have shown of the depth of a reference's points, held against a depth map of another picture,
+    /// which covers it at any size in the unit of the reference; the motion goes from one to the other.
+    ///
+    /// What was believed of a point beforehand is taken out of its doubt, so that it does not pass for measured.
+    pub fn sightings(&self, reference: &Reference, other_from_reference: &Pose, depth: &Grid<f32>) -> Vec<Sighting> {
+        let lens = self.lenses.level(0);
+        let sighting = |point: &Point| {
+            let learned = point.inverse_depth.doubt().powi(-2) - DEPTH_DOUBT.powi(-2);
+            let moved = other_from_reference * Point3::from(point.ray / point.inverse_depth.mean);
+            let pixel = Point2::from(lens.project(&moved.coords)?);
+            let at = rescaled(&pixel, self.size(), depth.size());
+            let log_ratio = (moved.z / bilinear(depth, &at)?).ln();
+            (learned > 0.0 && log_ratio.is_finite()).then(|| Sighting { at, log_ratio, sigma: learned.powf(-0.5) })
+        };
+        reference.points.iter().filter(|point| point.found > 0).filter_map(sighting).collect()
+    }
+}
+
+/// A place in a picture of one size at another, edges to edges.
+fn rescaled(at: &Point2<f64>, from: Size, to: Size) -> Point2<f64> {
+    let place = |at: f64, from: usize, to: usize| (at + 0.5) * to as f64 / from as f64 - 0.5;
+    Point2::new(place(at.x, from.width, to.width), place(at.y, from.height, to.height))
 }
 
 fn is_trusted(aligned: &Alignment) -> bool {

@@ -29,15 +29,16 @@ struct World {
 }
 
 impl World {
+    /// A walk along the wall.
     fn new(count: usize, step: f64, unit: impl Fn(usize) -> f64) -> Self {
+        let twist = |t: f64| [0.5 * t, 0.1 * (2.0 * t).sin(), 0.2 * t, 0.02 * t, -0.05 * t, 0.1 * t.sin()];
+        Self::along(|index| se3::exp(&Vector6::from(twist(step * index as f64))), wall, count, unit)
+    }
+
+    fn along(pose: impl Fn(usize) -> Pose, surface: Surface, count: usize, unit: impl Fn(usize) -> f64) -> Self {
         let camera = Camera::from_field_of_view(SIZE, 80_f64.to_radians()).unwrap();
-        let pose = |index: usize| {
-            let time = step * index as f64;
-            let twist = [0.5 * time, 0.1 * (2.0 * time).sin(), 0.2 * time, 0.02 * time, -0.05 * time, 0.1 * time.sin()];
-            se3::exp(&Vector6::from(twist))
-        };
         let poses: Vec<Pose> = (0..count).map(pose).collect();
-        let views: Vec<_> = poses.iter().map(|pose| render(&camera, pose)).collect();
+        let views: Vec<_> = poses.iter().map(|pose| render(&camera, surface, pose)).collect();
         let (images, depths) = views.into_iter().unzip();
         Self { camera, poses, images, depths, units: (0..count).map(unit).collect(), bias: 1.0 }
     }
@@ -54,17 +55,35 @@ impl World {
     }
 }
 
-/// Where rays meet the wall `z = 2 + x / 4`, its colours there, and the depth along the axis.
-fn render(camera: &Camera, world_from_camera: &Pose) -> (Image, DepthMap) {
+/// How far a ray of unit length goes from an origin before it meets the surface.
+type Surface = fn(&Vector3<f64>, &Vector3<f64>) -> f64;
+
+/// The wall `z = 2 + x / 4`.
+fn wall(origin: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
     let normal = Vector3::new(-0.25, 0.0, 1.0);
+    (2.0 - normal.dot(origin)) / normal.dot(direction)
+}
+
+/// A tunnel of radius 1 around the axis, closed at `z = 6`.
+fn tunnel(origin: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
+    let (from, along) = (origin.xy(), direction.xy());
+    let (square, half) = (along.norm_squared(), from.dot(&along));
+    let side = ((half * half + square * (1.0 - from.norm_squared())).sqrt() - half) / square;
+    let end = (6.0 - origin.z) / direction.z;
+    if side < end { side } else { end }
+}
+
+/// The colours of a surface where rays meet it, and the depth along the axis.
+fn render(camera: &Camera, surface: Surface, world_from_camera: &Pose) -> (Image, DepthMap) {
     let hit = |x: usize, y: usize| {
         let ray = camera.unproject(&Point2::new(x as f64, y as f64)).unwrap();
         let (origin, direction) = (world_from_camera.translation.vector, world_from_camera.rotation * ray);
-        let length = (2.0 - normal.dot(&origin)) / normal.dot(&direction);
+        let length = surface(&origin, &direction);
         (origin + direction * length, (length * ray.z) as f32)
     };
     let colour = |p: Vector3<f64>| {
-        let wave = |a: f64, b: f64, phase: f64| (a * p.x + b * p.y + phase).sin();
+        let wave =
+            |a: f64, b: f64, phase: f64| (a * p.x + b * p.y - a * b / 9.0 * (p.z - 2.0 - p.x / 4.0) + phase).sin();
         let sum = wave(7.1, 3.7, 0.3) + wave(-4.9, 8.3, 1.1) + wave(11.3, -9.1, 2.0) + wave(2.3, 5.1, 0.7);
         (127.0 + 28.0 * sum) as u8
     };
@@ -202,6 +221,41 @@ fn pictures_bring_pixels_together_from_a_poor_guess() {
     let (before, after) = (distance(&Pose::identity()), distance(&found.unwrap()));
     // Half a pixel: these pictures are 96 pixels wide, and contrast is taken over nine of them.
     assert!(before > 3.0 && after < 0.5, "{before} pixels became {after}");
+}
+
+/// Depth with too little relief: nearly the same everywhere, as networks answer before scenes they do not know.
+struct FlatDepth(Arc<World>);
+
+impl DepthModel for FlatDepth {
+    fn depth(&self, image: &Image) -> DepthMap {
+        let truth = &self.0.depths[self.0.index(image)];
+        DepthMap::new(truth.grid().map(|depth| 2.0 * (depth / 2.0).sqrt()))
+    }
+}
+
+#[test]
+fn pictures_give_back_the_relief_that_the_depth_network_lacks() {
+    let inwards = |index: usize| Pose::translation(0.004 * index as f64, 0.0, 0.03 * index as f64);
+    let world = Arc::new(World::along(inwards, tunnel, 40, |_| 1.0));
+    let deviation = |refine: bool| {
+        // Keyframes far enough apart for parallax.
+        let config = OdometryConfig { refine, ..config(8) };
+        let motion = TrueMotion { world: world.clone(), side: 1 };
+        let mut odometry =
+            LearnedOdometry::from_models(Box::new(FlatDepth(world.clone())), Box::new(motion), config).unwrap();
+        let tracked = track_all(&world, &mut odometry, Some(world.camera));
+        let error = |(tracked, truth): (&Tracked, &DepthMap)| {
+            let depth = tracked.depth.as_ref().unwrap();
+            let ratios = depth.grid().values().iter().zip(truth.grid().values()).map(|(a, b)| f64::from(a / b).ln());
+            let (sum, squares) =
+                ratios.clone().fold((0.0, 0.0), |(sum, squares), log| (sum + log, squares + log * log));
+            let count = ratios.count() as f64;
+            (squares / count - (sum / count).powi(2)).sqrt()
+        };
+        tracked.iter().zip(&world.depths).skip(20).map(error).sum::<f64>() / 20.0
+    };
+    let (predicted, measured) = (deviation(false), deviation(true));
+    assert!(measured < 0.75 * predicted, "relief is off by {measured}, without pictures by {predicted}");
 }
 
 #[test]
