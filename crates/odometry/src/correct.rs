@@ -12,8 +12,8 @@
 //! interpolation with a prior, so that little is changed where nothing was measured.
 //!
 //! Turning the camera and moving it sideways look alike, the more so through a lens that is not the one assumed, and a
-//! flat scene makes one pass for the other. A correction that flattens the scene is therefore not believed. Networks err
-//! the other way: before scenes they do not know they predict too little relief.
+//! flat scene makes one pass for the other. A correction that flattens the scene is therefore not believed, nor are those
+//! of the next frames. Networks err the other way: before scenes they do not know they predict too little relief.
 
 use endoscape_core::{Grid, Size};
 use nalgebra::{DMatrix, DVector, Point2};
@@ -35,6 +35,8 @@ const ROUNDS: usize = 3;
 const FEWEST: usize = 20;
 /// Least relief of a corrected map, as a share of that of the predicted one.
 const FLATTEST: f64 = 0.9;
+/// Frames without correction after one that flattened the scene: what misled the motion seldom ends with a frame.
+const DOUBTFUL: usize = 60;
 
 /// A place whose depth has been measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,10 +49,26 @@ pub struct Sighting {
     pub sigma: f64,
 }
 
-/// A depth map in any unit as sightings have it; `None` where they are too few or would flatten the scene.
-pub fn corrected(depth: &Grid<f32>, sightings: &[Sighting]) -> Option<Grid<f32>> {
-    let corrected = Correction::fit(sightings, depth.size())?.apply(depth);
-    (relief(&corrected) >= FLATTEST * relief(depth)).then_some(corrected)
+/// Corrects the maps of a stream, frame after frame.
+#[derive(Clone, Debug, Default)]
+pub struct Corrector {
+    /// Frames during which nothing is believed.
+    doubtful: usize,
+}
+
+impl Corrector {
+    /// A depth map in any unit as sightings have it; `None` where they are too few, or where they or those of a frame
+    /// shortly before would flatten the scene.
+    pub fn corrected(&mut self, depth: &Grid<f32>, sightings: &[Sighting]) -> Option<Grid<f32>> {
+        if self.doubtful > 0 {
+            self.doubtful -= 1;
+            return None;
+        }
+        let corrected = Correction::fit(sightings, depth.size())?.apply(depth);
+        let is_flatter = relief(&corrected) < FLATTEST * relief(depth);
+        self.doubtful = if is_flatter { DOUBTFUL } else { 0 };
+        (!is_flatter).then_some(corrected)
+    }
 }
 
 /// Standard deviation of the logarithm of depth.
@@ -200,9 +218,13 @@ mod tests {
     fn a_flatter_scene_is_not_believed() {
         let depth = hill();
         let flatten = |x: f64, y: f64| -f64::from(depth.get(x as usize, y as usize).unwrap().ln());
-        assert!(corrected(&depth, &sightings(flatten)).is_none());
-        let deepen = corrected(&depth, &sightings(|x, y| -0.5 * flatten(x, y))).unwrap();
-        assert!(relief(&deepen) > 1.2 * relief(&depth));
+        let deeper = sightings(|x, y| -0.5 * flatten(x, y));
+        let mut corrector = Corrector::default();
+        let deepened = corrector.corrected(&depth, &deeper).unwrap();
+        assert!(relief(&deepened) > 1.2 * relief(&depth));
+        assert!(corrector.corrected(&depth, &sightings(flatten)).is_none());
+        let later = (0..=DOUBTFUL).map(|_| corrector.corrected(&depth, &deeper).is_some());
+        assert_eq!(later.filter(|believed| *believed).count(), 1);
     }
 
     proptest! {
@@ -210,7 +232,7 @@ mod tests {
         fn depths_stay_positive_numbers(seen in prop::collection::vec((0.0..80.0, 0.0..64.0, -5.0..5.0, 0.01..1.0), 0..60)) {
             let sighting = |&(x, y, log_ratio, sigma): &(f64, f64, f64, f64)| Sighting { at: Point2::new(x, y), log_ratio, sigma };
             let seen: Vec<Sighting> = seen.iter().map(sighting).collect();
-            if let Some(depth) = corrected(&hill(), &seen) {
+            if let Some(depth) = Corrector::default().corrected(&hill(), &seen) {
                 prop_assert!(depth.values().iter().all(|depth| depth.is_finite() && *depth > 0.0));
             }
         }

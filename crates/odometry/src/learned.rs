@@ -9,7 +9,7 @@ use crate::OdometryError;
 use crate::chain::{self, Motion};
 use crate::confidence::likeness;
 use crate::config::OdometryConfig;
-use crate::correct::corrected;
+use crate::correct::Corrector;
 use crate::health::{Flaw, flaw_of};
 use crate::history::{Distance, History, Keyframe, Spacing, View, Window};
 use crate::networks::{DepthModel, DepthNetwork, MotionModel, MotionNetwork, Motions};
@@ -95,6 +95,7 @@ pub struct LearnedOdometry {
     position: usize,
     /// Agreement of the forward and backward estimate of the anchor's pose.
     agreement: f64,
+    corrector: Corrector,
     /// Brightness of the frame before, and what was said about it, for pictures that repeat.
     before: Option<(Grid<f32>, Tracked)>,
     clock: StageClock,
@@ -160,6 +161,7 @@ impl LearnedOdometry {
             path: Motion::default(),
             position: 0,
             agreement: 1.0,
+            corrector: Corrector::default(),
             before: None,
             clock: StageClock::default(),
         })
@@ -355,7 +357,7 @@ impl LearnedOdometry {
 
     /// The frame's depth in its own unit, `scale`, as pictures have measured it at the anchor's points.
     fn measured(
-        &self,
+        &mut self,
         anchor: &Keyframe,
         present: &Present,
         frame_from_anchor: &Pose,
@@ -365,7 +367,7 @@ impl LearnedOdometry {
         let unit = scale.factor() / anchor.scale.factor();
         let predicted = present.depth.map(|depth| depth * unit as f32);
         let sightings = refiner.sightings(reference, frame_from_anchor, &predicted);
-        corrected(&present.depth, &sightings)
+        self.corrector.corrected(&present.depth, &sightings)
     }
 
     /// Compares the frame with its anchor. Without a camera nothing can be compared, and reliability stays where the
