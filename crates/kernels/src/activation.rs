@@ -1,5 +1,6 @@
 //! What follows a product, on the way back.
 
+use crate::pieces::sum;
 use rayon::prelude::*;
 
 /// Numbers that are a sensible piece of work.
@@ -38,14 +39,4 @@ fn collect(sums: &[f32], bias: &mut [f32]) {
     for sums in sums.chunks_exact(bias.len().max(1)) {
         bias.iter_mut().zip(sums).for_each(|(bias, sum)| *bias += sum);
     }
-}
-
-/// A sum in several lanes, which vectors can compute and which loses fewer digits than one lane.
-fn sum(values: &[f32]) -> f32 {
-    let (lanes, rest) = values.as_chunks::<16>();
-    let mut sums = [0.0_f32; 16];
-    for values in lanes {
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-    }
-    sums.iter().chain(rest).sum()
 }

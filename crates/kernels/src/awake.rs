@@ -10,12 +10,9 @@ const PATIENCE: Duration = Duration::from_micros(200);
 /// Does work of many small parallel parts on a thread of the pool, whose other threads stay awake between the parts.
 ///
 /// Threads without work fall asleep within microseconds, and waking one takes longer than a small layer. A thread that
-/// finds nothing to do for a while sleeps all the same, so that nobody waits for it: calls may be nested, where the
-/// inner one changes nothing.
+/// finds nothing to do for a while sleeps all the same, so that nobody waits for it. Calls may be nested: the inner one
+/// wakes threads that have fallen asleep since.
 pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    if rayon::current_thread_index().is_some() {
-        return work();
-    }
     let done = &AtomicBool::new(false);
     rayon::scope(|scope| {
         let own = rayon::current_thread_index();

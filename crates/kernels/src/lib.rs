@@ -4,8 +4,12 @@
 //! |---|---|
 //! | [`geometry`] | [`Geometry`]: the sizes of a convolution, and what its three products are called |
 //! | [`correlation`] | [`Correlation`]: the forward product and the gradient of the data, bias and ReLU included |
+//! | [`correspondence`], [`lens`] | where the pixels of one view lie in another, forward and backward |
 //! | [`sampling`] | pictures read between their pixels, forward and backward |
 //! | [`photometric`] | structural and absolute difference of pictures, forward and backward |
+//! | [`WeightedMean`], [`CrossEntropy`], [`SecondOrder`] | maps that become one number, forward and backward |
+//! | [`Pointwise`] | functions of single numbers, forward and backward |
+//! | [`enlarge()`], [`enlarge_gradient`] | pictures of twice the size |
 //! | [`awake()`] | many small parallel parts one after the other, without waking the threads for each |
 //! | [`AdamStep`] | the optimiser in one pass |
 //! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights |
@@ -21,14 +25,20 @@ mod activation;
 mod adam;
 mod awake;
 pub mod correlation;
+pub mod correspondence;
 mod enlarge;
 pub mod geometry;
+pub mod lens;
 pub mod level;
 mod memory;
 pub mod photometric;
+mod pieces;
 mod planes;
 mod points;
+mod pointwise;
+mod reduction;
 pub mod sampling;
+mod second_order;
 #[cfg(test)]
 mod tests;
 mod tile;
@@ -39,9 +49,14 @@ pub use activation::{bias_gradient, relu_bias_gradient};
 pub use adam::AdamStep;
 pub use awake::awake;
 pub use correlation::{Correlation, Epilogue, Method, PackedWeights, Workspace};
-pub use enlarge::enlarge;
+pub use correspondence::Correspondence;
+pub use enlarge::{enlarge, enlarge_gradient};
 pub use geometry::Geometry;
+pub use lens::Lens;
 pub use level::Level;
 pub use photometric::Comparison;
+pub use pointwise::Pointwise;
+pub use reduction::{CrossEntropy, Divisor, WeightedMean};
 pub use sampling::Sampling;
+pub use second_order::SecondOrder;
 pub use weight_gradient::{GradientWorkspace, weight_gradient};

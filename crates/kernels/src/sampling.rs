@@ -3,6 +3,7 @@
 //! Pixel centres lie at integer coordinates; positions beyond the outermost centres take the border's value and have no
 //! gradient. The gradient of the positions is a gather, that of the picture a scatter, plane by plane.
 
+use crate::pieces::PIECE;
 use rayon::prelude::*;
 
 /// Pictures to be read, and where.
@@ -10,6 +11,7 @@ use rayon::prelude::*;
 /// # Shapes
 /// - `pictures`: `[batch, channels, rows, columns]`
 /// - `positions`: `[batch, 2, new rows, new columns]`: column, then row; finite
+/// - `shown`: `[batch, 1, new rows, new columns]`
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling<'a> {
     /// What is read.
@@ -20,6 +22,8 @@ pub struct Sampling<'a> {
     pub size: [usize; 2],
     /// Where it is read.
     pub positions: &'a [f32],
+    /// What colours are multiplied by, if by anything; no gradient is taken of it.
+    pub shown: Option<&'a [f32]>,
     /// Rows times columns of the positions.
     pub area: usize,
 }
@@ -36,9 +40,6 @@ struct Cell {
     free: [bool; 2],
 }
 
-/// Positions handled together.
-const PIECE: usize = 2048;
-
 impl Sampling<'_> {
     /// The colours at the positions, `[batch, channels, new rows, new columns]`.
     ///
@@ -53,9 +54,9 @@ impl Sampling<'_> {
                 .map(|_| planes.iter_mut().filter_map(Iterator::next).collect())
                 .collect();
             pieces.into_par_iter().enumerate().for_each(|(piece, mut planes)| {
-                self.cells(picture, piece, |place, cell| {
+                self.cells(picture, piece, |place, cell, shown| {
                     for (channel, plane) in planes.iter_mut().enumerate() {
-                        plane[place] = cell.mix(self.plane(picture, channel));
+                        plane[place] = shown * cell.mix(self.plane(picture, channel));
                     }
                 });
             });
@@ -75,15 +76,15 @@ impl Sampling<'_> {
             let (columns, rows) = moved.split_at_mut(self.area);
             let pieces = columns.par_chunks_mut(PIECE).zip(rows.par_chunks_mut(PIECE)).enumerate();
             pieces.for_each(|(piece, (columns, rows))| {
-                self.cells(picture, piece, |place, cell| {
+                self.cells(picture, piece, |place, cell, shown| {
                     let mut slope = [0.0; 2];
                     for channel in 0..self.channels {
                         let index = (picture * self.channels + channel) * self.area + piece * PIECE + place;
                         let [along, down] = cell.slopes(self.plane(picture, channel));
                         slope = [slope[0] + gradient[index] * along, slope[1] + gradient[index] * down];
                     }
-                    columns[place] = if cell.free[0] { slope[0] } else { 0.0 };
-                    rows[place] = if cell.free[1] { slope[1] } else { 0.0 };
+                    columns[place] = if cell.free[0] { shown * slope[0] } else { 0.0 };
+                    rows[place] = if cell.free[1] { shown * slope[1] } else { 0.0 };
                 });
             });
         });
@@ -101,8 +102,8 @@ impl Sampling<'_> {
         planes.for_each(|(index, plane)| {
             let gradient = &gradient[index * self.area..][..self.area];
             for piece in 0..self.area.div_ceil(PIECE) {
-                self.cells(index / self.channels, piece, |place, cell| {
-                    cell.spread(plane, gradient[piece * PIECE + place]);
+                self.cells(index / self.channels, piece, |place, cell, shown| {
+                    cell.spread(plane, shown * gradient[piece * PIECE + place]);
                 });
             }
         });
@@ -118,13 +119,14 @@ impl Sampling<'_> {
         &self.pictures[(picture * self.channels + channel) * area..][..area]
     }
 
-    /// Visits the positions of a piece of a picture.
-    fn cells(&self, picture: usize, piece: usize, mut visit: impl FnMut(usize, Cell)) {
+    /// Visits the positions of a piece of a picture, each with what its colours are multiplied by.
+    fn cells(&self, picture: usize, piece: usize, mut visit: impl FnMut(usize, Cell, f32)) {
         let (columns, rows) = self.positions[2 * picture * self.area..][..2 * self.area].split_at(self.area);
         let first = piece * PIECE;
         let positions = columns[first..].iter().zip(&rows[first..]).take(PIECE);
         for (place, (column, row)) in positions.enumerate() {
-            visit(place, self.cell(*column, *row));
+            let shown = self.shown.map_or(1.0, |shown| shown[picture * self.area + first + place]);
+            visit(place, self.cell(*column, *row), shown);
         }
     }
 

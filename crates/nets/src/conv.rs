@@ -1,4 +1,4 @@
-//! Where every convolution of the networks is computed.
+//! Where every convolution of the networks is computed, and what stands between them.
 //!
 //! On the processor (Burn's Flex device, single precision) by our own kernels, with bias and ReLU in the same pass and
 //! a backward step of our own; on every other device by Burn's operations, which are also the reference the tests
@@ -7,11 +7,16 @@
 mod flex;
 mod join;
 mod memory;
+mod unary;
+
+pub use memory::recycle;
 
 use crate::layers::{crop, spatial_size};
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::{Conv2d, ConvTranspose2d};
-use burn::tensor::activation::relu;
+use burn::tensor::activation::{relu, sigmoid};
+use burn::tensor::module::interpolate;
+use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{DType, Tensor};
 use endoscape_kernels::Geometry;
 
@@ -66,6 +71,32 @@ pub(crate) fn convolve_up(
 /// - `tensors`: `[batch, any, height, width]` each
 pub(crate) fn concatenate(tensors: Vec<Tensor<4>>) -> Tensor<4> {
     join::concatenate(&tensors).unwrap_or_else(|| Tensor::cat(tensors, 1))
+}
+
+/// `scale * sigmoid(x) + offset`.
+pub(crate) fn logistic(input: Tensor<4>, scale: f64, offset: f64) -> Tensor<4> {
+    unary::logistic(&input, scale, offset).unwrap_or_else(|| logistic_reference(input, scale, offset))
+}
+
+fn logistic_reference(input: Tensor<4>, scale: f64, offset: f64) -> Tensor<4> {
+    sigmoid(input).mul_scalar(scale).add_scalar(offset)
+}
+
+/// Doubles a picture bilinearly (pixel areas aligned, not corner centres) and cuts it to `size`.
+///
+/// # Shapes
+/// - `picture`: `[batch, channels, height, width]`
+/// - `size`: `[rows, columns]`, at most `[2 * height, 2 * width]`
+/// - returns: `[batch, channels, rows, columns]`
+pub(crate) fn upsample(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
+    unary::doubled(&picture, size).unwrap_or_else(|| upsample_reference(picture, size))
+}
+
+fn upsample_reference(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
+    let options = InterpolateOptions::new(InterpolateMode::Bilinear)
+        .with_align_corners(false)
+        .with_output_size(spatial_size(&picture).map(|length| 2 * length));
+    crop(interpolate(picture, options), size)
 }
 
 fn activate(features: Tensor<4>, activation: Activation) -> Tensor<4> {

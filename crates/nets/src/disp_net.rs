@@ -4,12 +4,11 @@
 //! finer one seeing the coarser one enlarged. Kernels are 7, 5, then 3.
 
 use crate::config::check_channels;
-use crate::conv::{Activation, concatenate, convolve};
+use crate::conv::{Activation, concatenate, convolve, logistic, upsample};
 use crate::error::NetsError;
-use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size, upsample};
+use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size};
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
-use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, assert_shape};
 use serde::{Deserialize, Serialize};
 
@@ -238,6 +237,6 @@ impl DispNet {
 
     /// `alpha * sigmoid(x) + beta`, section III-B of the paper.
     fn disparity(&self, activation: Tensor<4>) -> Tensor<4> {
-        sigmoid(activation).mul_scalar(self.alpha).add_scalar(self.beta)
+        logistic(activation, self.alpha, self.beta)
     }
 }

@@ -8,8 +8,6 @@ use burn::module::{Initializer, Module, Param};
 use burn::nn::conv::{Conv2d, ConvTranspose2d};
 use burn::nn::{BatchNorm, BatchNormConfig, PaddingConfig2d};
 use burn::tensor::activation::relu;
-use burn::tensor::module::interpolate;
-use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -172,15 +170,6 @@ pub(crate) fn crop(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
     picture.slice([0..batch, 0..channels, 0..size[0], 0..size[1]])
 }
 
-/// Doubles a picture bilinearly (pixel areas aligned, not corner centres) and cuts it to `size`.
-pub(crate) fn upsample(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
-    let [height, width] = spatial_size(&picture);
-    let options = InterpolateOptions::new(InterpolateMode::Bilinear)
-        .with_align_corners(false)
-        .with_output_size([2 * height, 2 * width]);
-    crop(interpolate(picture, options), size)
-}
-
 /// Rows and columns.
 pub(crate) fn spatial_size(picture: &Tensor<4>) -> [usize; 2] {
     let [_, _, height, width] = picture.dims();
@@ -243,7 +232,7 @@ mod tests {
     #[test]
     fn upsampling_interpolates_between_pixel_centres_a_quarter_in() {
         let row: Tensor<4> = Tensor::from_data([[[[0.0, 4.0]]]], &Device::flex());
-        let wide = upsample(row, [2, 4]).into_data().iter::<f32>().collect::<Vec<_>>();
+        let wide = crate::conv::upsample(row, [2, 4]).into_data().iter::<f32>().collect::<Vec<_>>();
         assert_eq!(wide, [0.0, 1.0, 3.0, 4.0, 0.0, 1.0, 3.0, 4.0]);
     }
 }

@@ -37,6 +37,7 @@ mod weights;
 
 pub use checkpoint::{Checkpoint, DataSource, Manifest, ModelKind, TrainedInput};
 pub use config::NetsConfig;
+pub use conv::recycle;
 pub use disp_net::{DispNet, DispNetConfig, DisparityPyramid, SCALES};
 pub use endoscape_core::Rotation;
 pub use error::NetsError;

@@ -5,7 +5,7 @@
 //! obeys the static-scene assumption. The second half is needed for training only.
 
 use crate::config::{check_channels, check_kernels};
-use crate::conv::{Activation, convolve};
+use crate::conv::{Activation, convolve, logistic};
 use crate::disp_net::SCALES;
 use crate::error::NetsError;
 use crate::layers::{ConvBlock, LayerFactory, Padding, UpConvBlock, parameters, spatial_size};
@@ -321,7 +321,7 @@ impl MaskDecoder {
     /// `[batch, sources, height, width]`: the softmax over two logits is the sigmoid of their difference.
     fn reliability(&self, logits: Tensor<4>) -> Tensor<4> {
         if self.kind != MaskHead::Softmax {
-            return sigmoid(logits);
+            return logistic(logits, 1.0, 0.0);
         }
         let [batch, channels, height, width] = logits.dims();
         let pairs = logits.reshape([batch, channels / 2, 2, height, width]);

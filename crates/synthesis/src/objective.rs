@@ -15,6 +15,7 @@ use crate::pyramid::{WHOLLY, enlarge, shrink, shrink_usable};
 use crate::smoothness::smoothness;
 use crate::warp::{Synthesized, depth_from_disparity, finite_disparity, sample_bilinear, synthesize};
 use burn::tensor::Tensor;
+use endoscape_kernels::awake;
 
 /// A picture and which of its pixels mean anything.
 #[derive(Clone, Debug)]
@@ -78,6 +79,11 @@ pub struct LossTerms {
 /// # Panics
 /// If the parts of `batch` and `prediction` do not belong together: other numbers of sources or scales, other sizes.
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
+    // Many small parallel parts, where the kernels are used.
+    awake(|| judge(batch, prediction, config))
+}
+
+fn judge(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
     let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
     let (mut smooth, mut mask) = (zero.clone(), zero.clone());
@@ -115,10 +121,8 @@ fn target_light(batch: &ViewBatch, disparity: Tensor<4>) -> Tensor<1> {
 
 /// Smoothness of one scale, at its own size, divided by its decay.
 fn scale_smoothness(target: &View, disparity: Tensor<4>, scale: usize, config: &ObjectiveConfig) -> Tensor<1> {
-    let [_, _, height, width] = disparity.dims();
-    let image = shrink(target.image.clone(), [height, width]);
     let decay = (0..scale).fold(1.0, |decay, _| decay * config.smoothness_decay);
-    smoothness(finite_disparity(disparity), &image, config.smoothness) / decay
+    smoothness(finite_disparity(disparity), &target.image, config.smoothness) / decay
 }
 
 /// The pictures of a batch at the size of a scale.
@@ -249,10 +253,11 @@ fn compare(scale: &Scale<'_>, source: usize, config: &ObjectiveConfig) -> Compar
     let mut disagreement = None;
     if let Some(depth) = scale.source_depths[source].clone().filter(|_| config.geometry_weight > 0.0) {
         let sampled = sample_bilinear(depth, synthesized.correspondence.pixels);
-        let map = depth_disagreement(synthesized.correspondence.depth, sampled) * synthesized.in_view.clone();
+        let map =
+            depth_disagreement(synthesized.correspondence.depth, sampled) * synthesized.correspondence.in_view.clone();
         // Detached: disagreeing depths must not be a way to a lower photometric error.
         error = error * (-map.clone().detach() + 1.0);
-        disagreement = Some(average(map, valid.clone() * synthesized.in_view, config.average));
+        disagreement = Some(average(map, valid.clone() * synthesized.correspondence.in_view, config.average));
     }
     Compared { error, valid, disagreement }
 }

@@ -105,6 +105,11 @@ pub fn minimum_over_sources(errors: Vec<Tensor<4>>, valid: Vec<Tensor<4>>) -> (T
 /// # Shapes
 /// - `values`, `weights`: `[batch, 1, height, width]`
 pub fn average(values: Tensor<4>, weights: Tensor<4>, by: Average) -> Tensor<1> {
+    flex::average(&values, &weights, by).unwrap_or_else(|| average_reference(values, weights, by))
+}
+
+/// [`average`] in plain tensor operations.
+pub(crate) fn average_reference(values: Tensor<4>, weights: Tensor<4>, by: Average) -> Tensor<1> {
     // Not a product alone: 0 * NaN would spread from a pixel that does not count.
     let weighted = values.mask_fill(weights.clone().equal_scalar(0.0), 0.0) * weights.clone();
     match by {

@@ -1,5 +1,7 @@
 //! Neighbouring pixels should have similar depth, unless the picture says otherwise.
 
+use crate::flex;
+use crate::pyramid::shrink;
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +26,11 @@ pub enum Smoothness {
 /// # Shapes
 /// - `map`: `[batch, channels, height, width]`
 pub fn second_order(map: Tensor<4>) -> Tensor<1> {
+    flex::second_order(&map).unwrap_or_else(|| second_order_reference(map))
+}
+
+/// [`second_order`] in plain tensor operations.
+pub(crate) fn second_order_reference(map: Tensor<4>) -> Tensor<1> {
     let (dx, dy) = (difference(map.clone(), 3), difference(map, 2));
     let mixed = mean_abs(difference(dx.clone(), 2));
     // d_xy and d_yx are the same numbers.
@@ -51,12 +58,13 @@ pub fn edge_aware(disparity: Tensor<4>, image: &Tensor<4>) -> Tensor<1> {
 ///
 /// # Shapes
 /// - `disparity`: `[batch, 1, height, width]`
-/// - `image`: the target at that size, `[batch, channels, height, width]`
+/// - `image`: the target, `[batch, channels, _, _]`, of that size or larger
 pub fn smoothness(disparity: Tensor<4>, image: &Tensor<4>, kind: Smoothness) -> Tensor<1> {
+    let [_, _, height, width] = disparity.dims();
     match kind {
         Smoothness::SecondOrderDisparity => second_order(disparity),
         Smoothness::SecondOrderDepth => second_order(disparity.recip()),
-        Smoothness::EdgeAware => edge_aware(disparity, image),
+        Smoothness::EdgeAware => edge_aware(disparity, &shrink(image.clone(), [height, width])),
     }
 }
 

@@ -11,11 +11,15 @@
 use crate::camera::{CameraBatch, Projected};
 use crate::flex;
 use burn::tensor::{Bool, Int, Tensor};
+use endoscape_kernels::correspondence::Limits;
 use serde::{Deserialize, Serialize};
 
 /// Depths outside this range, NaN among them, mark their pixels invalid. Networks predict 0.1 to 10 and pictures in
 /// metres hold 1e-4 to 1, so nothing real is lost, and squares of coordinates stay far from overflow.
 const DEPTH_RANGE: [f64; 2] = [1e-6, 1e6];
+
+/// Disparities outside this range are none: the inverses of twice [`DEPTH_RANGE`].
+pub(crate) const DISPARITY_RANGE: [f64; 2] = [0.5 / DEPTH_RANGE[1], 2.0 / DEPTH_RANGE[0]];
 
 /// A point closer to the source camera than this fraction of its depth in the target counts as behind the lens. A
 /// fraction, not a length, so that scaling depth and translation together changes nothing.
@@ -45,8 +49,6 @@ pub struct Synthesized {
     pub image: Tensor<4>,
     /// `[batch, 1, height, width]`, 1 where the pixel counts under the policy, else 0; never NaN, no gradient.
     pub valid: Tensor<4>,
-    /// `[batch, 1, height, width]`, 1 where the source really shows the pixel, whatever the policy; no gradient.
-    pub in_view: Tensor<4>,
     /// Where the colours were read.
     pub correspondence: Correspondence,
 }
@@ -59,8 +61,11 @@ pub struct Correspondence {
     /// `[batch, 1, height, width]`: depth along the source's optical axis, in the unit of the target's depth; 1 where
     /// not defined.
     pub depth: Tensor<4>,
-    /// `[batch, 1, height, width]`: whether the pixel has a ray, a sane depth, and a point the source lens can image.
-    pub defined: Tensor<4, Bool>,
+    /// `[batch, 1, height, width]`: 1 where the pixel has a ray, a sane depth, and a point the source lens can image,
+    /// else 0; no gradient.
+    pub defined: Tensor<4>,
+    /// `[batch, 1, height, width]`: 1 where the source picture shows the pixel besides, else 0; no gradient.
+    pub in_view: Tensor<4>,
 }
 
 /// Paints the target view with the source picture.
@@ -77,18 +82,14 @@ pub fn synthesize(
     cameras: &CameraBatch,
     out_of_view: OutOfView,
 ) -> Synthesized {
-    let [_, _, height, width] = source.dims();
     let correspondence = correspond(depth, source_from_target, cameras);
-    let defined = indicator(correspondence.defined.clone(), &source);
-    let in_picture = indicator(inside(&correspondence.pixels, [height, width]), &source);
-    let in_view = defined.clone() * in_picture;
-    let image = sample_bilinear(source, correspondence.pixels.clone());
+    let Correspondence { pixels, defined, in_view, .. } = correspondence.clone();
     let (image, valid) = match out_of_view {
-        OutOfView::Grey => (image * in_view.clone(), cameras.seen() * defined.ones_like()),
-        OutOfView::Masked => (image, in_view.clone()),
-        OutOfView::Border => (image, defined),
+        OutOfView::Grey => (sample_shown(source, pixels, in_view), cameras.seen().expand(defined.dims())),
+        OutOfView::Masked => (sample_bilinear(source, pixels), in_view),
+        OutOfView::Border => (sample_bilinear(source, pixels), defined),
     };
-    Synthesized { image, valid, in_view, correspondence }
+    Synthesized { image, valid, correspondence }
 }
 
 /// Positions of the target's pixels in the source view.
@@ -97,6 +98,21 @@ pub fn synthesize(
 /// - `depth`: `[batch, 1, height, width]`
 /// - `source_from_target`: `[batch, 3, 4]`, translation in the unit of `depth`
 pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &CameraBatch) -> Correspondence {
+    let limits = Limits {
+        depth: DEPTH_RANGE.map(|depth| depth as f32),
+        nearest: NEAREST as f32,
+        border_slack: BORDER_SLACK as f32,
+    };
+    flex::correspond(&depth, &source_from_target, cameras, limits)
+        .unwrap_or_else(|| correspond_reference(depth, source_from_target, cameras))
+}
+
+/// [`correspond`] in plain tensor operations.
+pub(crate) fn correspond_reference(
+    depth: Tensor<4>,
+    source_from_target: Tensor<3>,
+    cameras: &CameraBatch,
+) -> Correspondence {
     let [low, high] = DEPTH_RANGE;
     // Comparisons are false for NaN, which must be gone before the first multiplication: 0 * NaN is NaN in gradients.
     let sane = depth.clone().greater_scalar(low).bool_and(depth.clone().lower_scalar(high));
@@ -107,7 +123,10 @@ pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &Cam
     let Projected { pixels, in_domain } = cameras.project(points_in_source, depth.detach() * NEAREST);
     let seen = cameras.seen().greater_scalar(0.5).expand(sane.dims());
     let defined = in_domain.bool_and(sane).bool_and(seen);
-    Correspondence { pixels, depth: depth_in_source.mask_fill(defined.clone().bool_not(), 1.0), defined }
+    let depth = depth_in_source.mask_fill(defined.clone().bool_not(), 1.0);
+    let defined = indicator(defined, &depth);
+    let in_picture = indicator(inside(&pixels, [cameras.size().height, cameras.size().width]), &pixels);
+    Correspondence { pixels, depth, in_view: defined.clone() * in_picture, defined }
 }
 
 /// `1 / disparity`. Disparities that are zero, negative or NaN give a depth beyond every sane one, without gradient, so
@@ -116,13 +135,17 @@ pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &Cam
 /// # Shapes
 /// - `disparity`, returns: `[batch, 1, height, width]`
 pub fn depth_from_disparity(disparity: Tensor<4>) -> Tensor<4> {
-    finite_disparity(disparity).recip()
+    flex::inverse_within(&disparity, DISPARITY_RANGE).unwrap_or_else(|| finite_disparity_reference(disparity).recip())
 }
 
 /// Replaces what is no disparity by one too small to count.
 pub(crate) fn finite_disparity(disparity: Tensor<4>) -> Tensor<4> {
-    let smallest = 0.5 / DEPTH_RANGE[1];
-    let largest = 2.0 / DEPTH_RANGE[0];
+    flex::within(&disparity, DISPARITY_RANGE).unwrap_or_else(|| finite_disparity_reference(disparity))
+}
+
+/// [`finite_disparity`] in plain tensor operations.
+pub(crate) fn finite_disparity_reference(disparity: Tensor<4>) -> Tensor<4> {
+    let [smallest, largest] = DISPARITY_RANGE;
     let sane = disparity.clone().greater_scalar(smallest).bool_and(disparity.clone().lower_scalar(largest));
     disparity.mask_fill(sane.bool_not(), smallest)
 }
@@ -150,7 +173,16 @@ pub fn transform(transform: Tensor<3>, points: Tensor<4>) -> Tensor<4> {
 /// - `pixels`: `[batch, 2, rows, columns]`: column, then row; finite
 /// - returns: `[batch, channels, rows, columns]`
 pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
-    flex::sample_bilinear(&picture, &pixels).unwrap_or_else(|| sample_bilinear_reference(picture, pixels))
+    flex::sample_bilinear(&picture, &pixels, None).unwrap_or_else(|| sample_bilinear_reference(picture, pixels))
+}
+
+/// [`sample_bilinear`] where a pixel is shown, else 0.
+///
+/// # Shapes
+/// - `shown`: `[batch, 1, height, width]` as `pixels`, 1 or 0, without a gradient
+fn sample_shown(picture: Tensor<4>, pixels: Tensor<4>, shown: Tensor<4>) -> Tensor<4> {
+    flex::sample_bilinear(&picture, &pixels, Some(&shown))
+        .unwrap_or_else(|| sample_bilinear_reference(picture, pixels) * shown)
 }
 
 /// [`sample_bilinear`] in plain tensor operations.

@@ -13,8 +13,10 @@
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Distribution, Tensor};
 use endoscape_core::{Camera, Size};
+use endoscape_kernels::awake;
 use endoscape_nets::{
     Checkpoint, DepthPlan, InferencePlan, MaskHead, MotionPlan, NetsConfig, Network, OnnxOptions, SCALES, StepTime,
+    recycle,
 };
 use endoscape_synthesis::config::Scales;
 use endoscape_synthesis::objective::{View, ViewBatch};
@@ -190,16 +192,19 @@ fn steps(
     let mut model = DepthMotionModel::from_checkpoint(fresh)?;
     let (mut optimizer, mut steps) = (adam(), Vec::new());
     for _ in 0..=count {
-        let mut mark = Instant::now();
-        let mut lap = || std::mem::replace(&mut mark, Instant::now()).elapsed().as_secs_f64();
-        let output = model.predict(&batch, config.geometry_weight > 0.0);
-        let networks = lap();
-        let terms = objective(&batch.views, &output.prediction, config);
-        let judged = lap();
-        let gradients = GradientsParams::from_grads(terms.total.backward(), &model);
-        let backward = lap();
-        model = optimizer.step(2e-4, model, gradients);
-        steps.push([networks, judged, backward, lap()]);
+        awake(|| {
+            let mut mark = Instant::now();
+            let mut lap = || std::mem::replace(&mut mark, Instant::now()).elapsed().as_secs_f64();
+            let output = model.predict(&batch, config.geometry_weight > 0.0);
+            let networks = lap();
+            let terms = objective(&batch.views, &output.prediction, config);
+            let judged = lap();
+            let gradients = GradientsParams::from_grads(terms.total.backward(), &model);
+            let backward = lap();
+            let updated = optimizer.step(2e-4, model.clone(), gradients);
+            recycle(std::mem::replace(&mut model, updated));
+            steps.push([networks, judged, backward, lap()]);
+        });
     }
     // The first step allocates what the others use again.
     Ok(steps.split_off(1))

@@ -22,7 +22,8 @@ use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor};
 use endoscape_core::{Event, EventSink};
-use endoscape_nets::{Checkpoint, DataSource, Manifest};
+use endoscape_kernels::awake;
+use endoscape_nets::{Checkpoint, DataSource, Manifest, recycle};
 use endoscape_synthesis::{LossTerms, objective};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -296,6 +297,11 @@ impl<'a> Session<'a> {
 
     /// One step of the optimiser: the method in five lines.
     fn step(&mut self, batch: &SnippetBatch) -> StepTaken {
+        // Many small parallel parts on the processor.
+        awake(|| self.take_step(batch))
+    }
+
+    fn take_step(&mut self, batch: &SnippetBatch) -> StepTaken {
         let learning_rate = self.learning_rate();
         let model = self.state.model.clone();
         let output = model.predict(batch, self.config.with_source_depth());
@@ -308,7 +314,8 @@ impl<'a> Session<'a> {
         if self.config.gradient_norm > 0.0 {
             gradients = limit_gradient(gradients, &model, self.config.gradient_norm);
         }
-        self.state.model = self.state.optimizer.step(learning_rate, model, gradients);
+        let updated = self.state.optimizer.step(learning_rate, model, gradients);
+        recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
         StepTaken { terms, output, learning_rate }
     }

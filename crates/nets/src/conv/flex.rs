@@ -129,12 +129,12 @@ impl Product {
             Direction::ToSmall => [input, gradient],
             Direction::ToLarge => [gradient, input],
         };
-        let mut weights = vec![0.0; self.geometry.weights()];
+        let mut weights = unused([small_channels, large_channels, kernel, kernel]);
         with_memory(|memory| {
             let workspace = &mut memory.gradients;
-            weight_gradient(&self.geometry, Level::default(), large, small, &mut weights, workspace);
+            weight_gradient(&self.geometry, Level::default(), large, small, weights.storage_mut(), workspace);
         });
-        tensor(weights, [small_channels, large_channels, kernel, kernel])
+        weights
     }
 
     /// Takes the gradient back through the ReLU, if there is one, and sums it up for the bias.

@@ -3,9 +3,10 @@
 //! A training step makes and forgets the same large tensors every time. Asking the system for their memory means to have
 //! it filled with zeros, page by page, before anything is written there.
 
-use burn::backend::TensorMetadata;
 use burn::backend::flex::FlexTensor;
-use burn::tensor::{Shape, TensorData};
+use burn::backend::{Flex, TensorMetadata};
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Shape, Tensor, TensorData};
 use endoscape_kernels::weight_gradient::GradientWorkspace;
 use endoscape_kernels::{PackedWeights, Workspace};
 use std::borrow::Cow;
@@ -14,7 +15,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Smaller tensors are left to the allocator.
 const WORTH_KEEPING: usize = 1 << 15;
 /// Most tensors that wait to be used again, and most numbers in them (half a gibibyte).
-const MOST_TENSORS: usize = 64;
+const MOST_TENSORS: usize = 192;
 const MOST_NUMBERS: usize = 1 << 27;
 
 static UNUSED: Mutex<Pool> = Mutex::new(Pool { tensors: Vec::new() });
@@ -63,6 +64,22 @@ pub fn unused(shape: [usize; 4]) -> FlexTensor {
 /// Keeps the memory of a tensor for a later [`unused`] one, if nobody else looks at it.
 pub fn give_back(tensor: FlexTensor) {
     pool().keep(tensor);
+}
+
+/// Keeps the memory of a module's parameters, which nobody needs any more, for the gradients to come.
+pub fn recycle(module: impl Module) {
+    struct Recycling;
+    impl ModuleMapper for Recycling {
+        fn map_float<const D: usize>(&mut self, parameter: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            let (id, tensor, mapper) = parameter.consume();
+            let nothing = Tensor::zeros([0; D], &tensor.device());
+            if let Ok(tensor) = tensor.inner().try_into_primitive::<Flex>() {
+                give_back(tensor);
+            }
+            Param::from_mapped_value(id, nothing, mapper)
+        }
+    }
+    module.map(&mut Recycling);
 }
 
 /// What the kernels want to have at hand.

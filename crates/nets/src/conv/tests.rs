@@ -1,6 +1,8 @@
 //! Our kernels beside Burn's own convolutions: values and gradients.
 
-use super::{Activation, activate, concatenate, convolve, convolve_up, join};
+use super::{
+    Activation, activate, concatenate, convolve, convolve_up, join, logistic_reference, unary, upsample_reference,
+};
 use crate::layers::{LayerFactory, Padding, crop};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Distribution, Gradients, Tensor};
@@ -61,6 +63,26 @@ proptest! {
         prop_assert_eq!(error(ours, theirs), 0.0);
         for part in &parts {
             prop_assert_eq!(error(part.grad(&of_ours).unwrap(), part.grad(&of_theirs).unwrap()), 0.0);
+        }
+    }
+
+    #[test]
+    fn enlarging_and_the_logistic_function_are_those_of_burn(
+        channels in 1_usize..4,
+        size in [1_usize..20, 1_usize..20],
+        cut in [0_usize..2, 0_usize..2],
+        batch in 1_usize..4,
+    ) {
+        let device = Device::flex().autodiff();
+        let picture = (noise([batch, channels, size[0], size[1]], &device) * 10.0).detach().require_grad();
+        let large = [2 * size[0] - cut[0], 2 * size[1] - cut[1]];
+        let enlarged = [unary::doubled(&picture, large).unwrap(), upsample_reference(picture.clone(), large)];
+        let logistic = [unary::logistic(&picture, 9.0, 0.5).unwrap(), logistic_reference(picture.clone(), 9.0, 0.5)];
+        for [actual, expected] in [enlarged, logistic] {
+            let weights = noise(expected.dims(), &device);
+            let gradient = |output: &Tensor<4>| picture.grad(&(output.clone() * weights.clone()).sum().backward()).unwrap();
+            prop_assert!(error(gradient(&actual), gradient(&expected)) < 1e-5);
+            prop_assert!(error(actual, expected) < 1e-5);
         }
     }
 

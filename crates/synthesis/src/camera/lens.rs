@@ -197,7 +197,7 @@ impl Affine {
 }
 
 /// The affine part of a model: rows of the matrix, then the centre.
-fn affine_of(ShiftedCamera { camera, shift: [right, down] }: &ShiftedCamera) -> ([[f64; 2]; 2], [f64; 2]) {
+pub(super) fn affine_of(ShiftedCamera { camera, shift: [right, down] }: &ShiftedCamera) -> ([[f64; 2]; 2], [f64; 2]) {
     let from = |i: &Intrinsics| ([[i.fx, i.skew], [0.0, i.fy]], [i.cx + right, i.cy + down]);
     match camera.model() {
         CameraModel::Pinhole(lens) => from(&lens.intrinsics),

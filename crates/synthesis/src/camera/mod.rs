@@ -5,10 +5,11 @@
 //! beyond 90 degrees have no such depth and are marked as not seen.
 
 mod chebyshev;
+mod kernel;
 mod lens;
 mod radius_fit;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use lens::{Lens, Projected};
 
@@ -17,6 +18,7 @@ use burn::tensor::{Int, Tensor, TensorCreationOptions, TensorData};
 use endoscape_core::{Camera, CameraError, Size};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Cosine of the widest angle (87 degrees) at which a depth along the axis still makes sense.
 const SMALLEST_RAY_COSINE: f64 = 0.05;
@@ -39,6 +41,8 @@ pub struct CameraBatch {
     rays: Tensor<4>,
     seen: Tensor<4>,
     groups: Vec<Group>,
+    /// The same cameras for our kernels, in the order of the rays.
+    lenses: Arc<[endoscape_kernels::Lens]>,
 }
 
 /// A camera whose pixels are moved by a constant, which is not zero for [`CameraScaling::Divided`] alone.
@@ -94,7 +98,8 @@ impl CameraBatch {
         let scaled = |camera: &Camera| ShiftedCamera::scaled(camera, size, scaling);
         let cameras = distinct.iter().map(scaled).collect::<Result<Vec<_>, _>>()?;
         let (rays, seen) = rays_of(&cameras, size, &options);
-        Ok(Self { size, rays, seen, groups: group(&cameras, &options) })
+        let lenses = cameras.iter().map(kernel::lens).collect();
+        Ok(Self { size, rays, seen, groups: group(&cameras, &options), lenses })
     }
 
     /// Size of the pictures.
@@ -110,6 +115,10 @@ impl CameraBatch {
     /// 1 where a pixel has a ray, 0 in the dark corners of a fisheye picture, `[batch or 1, 1, height, width]`.
     pub fn seen(&self) -> Tensor<4> {
         self.seen.clone()
+    }
+
+    pub(crate) fn lenses(&self) -> Arc<[endoscape_kernels::Lens]> {
+        Arc::clone(&self.lenses)
     }
 
     /// Points at `depth` along the optical axis, `P = D ray` (Eq. 1 of docs/math.md).

@@ -17,7 +17,7 @@ const TOLERANCE_PX: f64 = 0.5;
 /// The guess for one camera.
 pub struct RadiusFit {
     /// Chebyshev coefficients of `rho / q` in `2 q / limit - 1`.
-    coefficients: Vec<f64>,
+    pub coefficients: Vec<f64>,
     /// Half-angle up to which the fit holds; the picture ends before.
     pub widest_rad: f64,
 }
@@ -41,7 +41,8 @@ impl RadiusFit {
         Some(Self { coefficients, widest_rad })
     }
 
-    fn limit(&self) -> f64 {
+    /// Largest `q` of the fit.
+    pub fn limit(&self) -> f64 {
         (0.5 * self.widest_rad).tan()
     }
 }

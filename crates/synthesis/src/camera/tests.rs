@@ -20,7 +20,7 @@ fn omnidirectional() -> Camera {
 }
 
 /// One camera of each model, two of the distorted ones.
-fn cameras() -> Vec<Camera> {
+pub(crate) fn cameras() -> Vec<Camera> {
     let intrinsics = Intrinsics { fx: 76.7, fy: 76.5, cx: 67.9, cy: 54.35, skew: 0.3 };
     let wide = Intrinsics { fx: 40.0, fy: 41.0, skew: 0.0, ..intrinsics };
     [

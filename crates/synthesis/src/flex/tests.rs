@@ -1,9 +1,14 @@
 //! Kernels beside their references: values and gradients.
 
 use super::*;
-use crate::photometric::photometric_error_reference;
-use crate::warp::sample_bilinear_reference;
-use burn::tensor::{Device, Distribution, Gradients};
+use crate::camera::{CameraScaling, tests::cameras};
+use crate::mask_loss::{SMALLEST_RELIABILITY, cross_entropy_reference};
+use crate::motion::{Rotation, source_from_target};
+use crate::photometric::{average_reference, photometric_error_reference};
+use crate::smoothness::second_order_reference;
+use crate::warp::{self, DISPARITY_RANGE, correspond_reference, finite_disparity_reference, sample_bilinear_reference};
+use burn::tensor::{DType, Device, Distribution, Gradients};
+use endoscape_core::Size;
 use proptest::prelude::*;
 
 fn uniform(shape: [usize; 4], low: f64, high: f64) -> Tensor<4> {
@@ -17,8 +22,8 @@ fn error(actual: Tensor<4>, expected: Tensor<4>) -> f32 {
     (actual - expected).abs().max().into_scalar::<f32>() / largest
 }
 
-/// Compares results and the gradients of both inputs, every pixel having a weight of its own.
-fn compare(inputs: [&Tensor<4>; 2], [actual, expected]: [Tensor<4>; 2]) -> Result<(), TestCaseError> {
+/// Compares results and the gradients of the inputs, every pixel having a weight of its own.
+fn compare(inputs: &[&Tensor<4>], [actual, expected]: [Tensor<4>; 2]) -> Result<(), TestCaseError> {
     let weights = uniform(expected.dims(), -1.0, 1.0).detach();
     let gradients = |output: &Tensor<4>| (output.clone() * weights.clone()).sum().backward();
     let (of_ours, of_theirs) = (gradients(&actual), gradients(&expected));
@@ -44,9 +49,11 @@ proptest! {
         // A few positions lie outside.
         let largest = size[0].max(size[1]) as f64;
         let pixels = uniform([batch, 2, read[0], read[1]], -0.1 * largest, 1.1 * largest);
-        let actual = sample_bilinear(&picture, &pixels).unwrap();
-        let expected = sample_bilinear_reference(picture.clone(), pixels.clone());
-        compare([&picture, &pixels], [actual, expected])?;
+        let expected = || sample_bilinear_reference(picture.clone(), pixels.clone());
+        compare(&[&picture, &pixels], [sample_bilinear(&picture, &pixels, None).unwrap(), expected()])?;
+        let shown = uniform([batch, 1, read[0], read[1]], 0.0, 2.0).detach().int().float();
+        let actual = sample_bilinear(&picture, &pixels, Some(&shown)).unwrap();
+        compare(&[&picture, &pixels], [actual, expected() * shown])?;
     }
 
     #[test]
@@ -60,7 +67,64 @@ proptest! {
         let (a, b) = (uniform(shape, -1.0, 1.0), uniform(shape, -1.0, 1.0));
         let actual = photometric_error(&a, &b, ssim_weight).unwrap();
         let expected = photometric_error_reference(a.clone(), b.clone(), ssim_weight);
-        compare([&a, &b], [actual, expected])?;
+        compare(&[&a, &b], [actual, expected])?;
+    }
+
+    #[test]
+    fn maps_become_the_numbers_of_their_references(batch in 1_usize..3, size in [1_usize..40, 1_usize..60]) {
+        let shape = [batch, 2, size[0], size[1]];
+        let map = uniform(shape, -0.2, 1.0);
+        let weights = uniform(shape, 0.0, 2.0).detach().int().float();
+        let whole = |number: Tensor<1>| number.reshape([1, 1, 1, 1]);
+        for by in [Average::ValidPixels, Average::AllPixels] {
+            let actual = average(&map, &weights, by).unwrap();
+            compare(&[&map], [actual, average_reference(map.clone(), weights.clone(), by)].map(whole))?;
+        }
+        let actual = cross_entropy(&map, SMALLEST_RELIABILITY).unwrap();
+        compare(&[&map], [actual, cross_entropy_reference(map.clone())].map(whole))?;
+        let actual = second_order(&map).unwrap();
+        compare(&[&map], [actual, second_order_reference(map.clone())].map(whole))?;
+    }
+
+    #[test]
+    fn depths_are_those_of_the_reference(size in [1_usize..40, 1_usize..60]) {
+        // Half of them are no disparities.
+        let disparity = uniform([1, 1, size[0], size[1]], -1.0, 1.0);
+        let expected = || finite_disparity_reference(disparity.clone());
+        compare(&[&disparity], [within(&disparity, DISPARITY_RANGE).unwrap(), expected()])?;
+        compare(&[&disparity], [inverse_within(&disparity, DISPARITY_RANGE).unwrap(), expected().recip()])?;
+    }
+
+    #[test]
+    fn correspondences_are_those_of_the_reference(
+        one in any::<bool>(),
+        size in [1_usize..30, 1_usize..40],
+    ) {
+        let cameras = if one { vec![cameras()[0]; 2] } else { cameras() };
+        let device = Device::flex().autodiff();
+        let batch = CameraBatch::new(&cameras, Size::new(size[1], size[0]), CameraScaling::Exact, &device).unwrap();
+        let motion = Tensor::random([cameras.len(), 6], Distribution::Uniform(-0.2, 0.2), &device).require_grad();
+        // Some are no depths.
+        let depth = uniform([cameras.len(), 1, size[0], size[1]], -0.1, 2.0);
+        let matrix = || source_from_target(motion.clone(), Rotation::Euler);
+        for part in [|found: Correspondence| found.pixels, |found: Correspondence| found.depth] {
+            let ours = warp::correspond(depth.clone(), matrix(), &batch);
+            let theirs = correspond_reference(depth.clone(), matrix(), &batch);
+            // Rounding may move a pixel over the border of what is defined.
+            let both = ours.defined.clone() * theirs.defined.clone();
+            let differ = |a: &Tensor<4>, b: &Tensor<4>| (a.clone() - b.clone()).abs().sum().into_scalar::<f32>();
+            let few = 1.0 + 0.01 * both.dims().iter().product::<usize>() as f32;
+            prop_assert!(differ(&ours.defined, &theirs.defined) < few);
+            prop_assert!(differ(&ours.in_view, &theirs.in_view) < few);
+            let (actual, expected) = (part(ours) * both.clone(), part(theirs) * both);
+            let weights = uniform(expected.dims(), -1.0, 1.0).detach();
+            let gradients = |output: &Tensor<4>| (output.clone() * weights.clone()).sum().backward();
+            let (of_ours, of_theirs) = (gradients(&actual), gradients(&expected));
+            prop_assert!(error(actual, expected) < 1e-4);
+            prop_assert!(error(depth.grad(&of_ours).unwrap(), depth.grad(&of_theirs).unwrap()) < 1e-3);
+            let of = |gradients: &Gradients| motion.grad(gradients).unwrap().reshape([1, 1, 6, cameras.len()]);
+            prop_assert!(error(of(&of_ours), of(&of_theirs)) < 1e-3);
+        }
     }
 }
 
@@ -69,5 +133,6 @@ fn double_precision_is_left_to_the_reference() {
     let device = Device::flex();
     let picture = Tensor::<4>::ones([1, 1, 4, 4], (&device, DType::F64));
     assert!(photometric_error(&picture, &picture, 0.85).is_none());
-    assert!(sample_bilinear(&picture, &Tensor::zeros([1, 2, 3, 3], (&device, DType::F64))).is_none());
+    assert!(sample_bilinear(&picture, &Tensor::zeros([1, 2, 3, 3], (&device, DType::F64)), None).is_none());
+    assert!(second_order(&picture).is_none());
 }
