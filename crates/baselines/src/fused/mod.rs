@@ -64,8 +64,11 @@ pub struct FusedConfig {
     pub walk_rad: f64,
     /// Random walk of the logarithm of vision's scale, per root second. Default 0.1: a third in 10 s.
     pub walk_log_scale: f64,
-    /// Standard deviation of a visual motion's translation: this share of it. Default 0.5: vision sees the way along a
-    /// wall that itself breathes and contracts, which is half the way of a slow capsule (docs/paper-experiment.md).
+    /// Standard deviation of the speed at which the wall moves by itself, metres per second along each axis: vision sees
+    /// the way along the wall, not through the room. Default 3e-3: breath that moves an organ by 10 mm, 15 times a minute,
+    /// has 5.6e-3 along the body, and simulated stomachs show 2e-3 to 6e-3 (docs/paper-experiment.md). 0 for a phantom.
+    pub wall_m_per_s: f64,
+    /// Standard deviation of a visual motion's translation: this share of it, beside the wall's. Default 0.2.
     pub visual_share: f64,
     /// ... and this at least, metres. Default 2e-4, the error per frame of ORB-SLAM2 and DSO on C3VD.
     pub visual_floor_m: f64,
@@ -89,7 +92,8 @@ impl Default for FusedConfig {
             walk_m: 0.05,
             walk_rad: 0.3,
             walk_log_scale: 0.1,
-            visual_share: 0.5,
+            wall_m_per_s: 0.003,
+            visual_share: 0.2,
             visual_turn_share: 0.1,
             visual_floor_m: 2e-4,
             visual_floor_rad: 5e-3,
@@ -117,6 +121,10 @@ impl FusedConfig {
         if let Some((name, value)) = bad {
             return Err(BaselineError::Config { name, value, expected: "a finite number above 0" });
         }
+        if !(self.wall_m_per_s.is_finite() && self.wall_m_per_s >= 0.0) {
+            let (name, value) = ("wall_m_per_s", self.wall_m_per_s);
+            return Err(BaselineError::Config { name, value, expected: "a finite number of at least 0" });
+        }
         if self.window < FEWEST_SIGHTINGS {
             return Err(BaselineError::Config { name: "window", value: self.window as f64, expected: "at least 8" });
         }
@@ -140,8 +148,8 @@ pub struct Fused {
     window: VecDeque<Sighting>,
     /// Frames since the window was last fitted.
     unfitted: usize,
-    /// The camera in vision's world at the last frame vision is sure of.
-    visual_from_last: Option<Pose>,
+    /// The camera in vision's world at the last frame vision is sure of, and that frame's time in seconds.
+    visual_from_last: Option<(Pose, f64)>,
     refused: Refused,
     seen: Seen,
 }
@@ -262,17 +270,18 @@ impl Fused {
     }
 
     fn take_view(&mut self, visual_from_camera: Pose, time_s: f64) {
-        let motion = self.visual_from_last.map(|last| last.inverse() * visual_from_camera);
+        let motion = self.visual_from_last.map(|(last, _)| last.inverse() * visual_from_camera);
         // A picture shown again says nothing about the time that passed; the next one speaks for both.
         if motion.is_some_and(|motion| se3::log(&motion).amax() < FROZEN) {
             return;
         }
-        self.visual_from_last = Some(visual_from_camera);
+        let last = self.visual_from_last.replace((visual_from_camera, time_s));
+        let elapsed_s = last.map_or(0.0, |(_, last_s)| time_s - last_s);
         self.seen.vision_s = time_s;
         self.forget_what_faded();
         if self.is_aligned {
             if let Some(motion) = motion {
-                self.take_motion(&motion);
+                self.take_motion(&motion, elapsed_s);
             }
         } else {
             self.gather(visual_from_camera);
@@ -296,19 +305,22 @@ impl Fused {
         self.window.clear();
     }
 
-    fn take_motion(&mut self, motion: &Pose) {
+    fn take_motion(&mut self, motion: &Pose, elapsed_s: f64) {
         let Some(filter) = &mut self.filter else { return };
         let way_m = motion.translation.vector.norm() * filter.log_scale.exp();
         let turn_rad = motion.rotation.angle();
+        let by_wall_m = self.config.wall_m_per_s * elapsed_s;
         let step = VisualStep {
             motion: *motion,
-            translation_sigma_m: self.config.visual_floor_m.hypot(self.config.visual_share * way_m),
+            translation_sigma_m: self.config.visual_floor_m.hypot(self.config.visual_share * way_m).hypot(by_wall_m),
             rotation_sigma_rad: self.config.visual_floor_rad.hypot(self.config.visual_turn_share * turn_rad),
         };
         if filter.see_motion(&step) {
             self.refused.vision = 0;
             return;
         }
+        // A wall that moves deceives vision about the way, hardly about the turn.
+        filter.see_turn(&step);
         self.refused.vision += 1;
         if self.refused.vision >= PATIENCE {
             self.refused.vision = 0;

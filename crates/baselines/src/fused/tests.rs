@@ -112,6 +112,7 @@ fn config() -> FusedConfig {
     let floor_rad = 0.2_f64.to_radians();
     FusedConfig {
         walk_log_scale: 0.1 / 60_f64.sqrt(),
+        wall_m_per_s: 0.0,
         visual_share: 0.03,
         visual_floor_m: 1e-5,
         visual_turn_share: 0.03,
@@ -324,9 +325,11 @@ fn observations_that_say_nothing_are_answered() {
         let finite = |pose: Pose| pose.to_homogeneous().iter().all(|x| x.is_finite());
         assert!(tracked.world_from_camera.is_none_or(finite) && tracked.confidence.is_finite());
     }
-    let config = FusedConfig { visual_share: f64::NAN, ..FusedConfig::default() };
-    let refused = Fused::new(config, Box::new(Vision { poses: Vec::new() }), rig).err().unwrap();
-    assert!(refused.to_string().contains("visual_share"), "{refused}");
+    let refused = |config| Fused::new(config, Box::new(Vision { poses: Vec::new() }), rig.clone()).err().unwrap();
+    let sentence = refused(FusedConfig { visual_share: f64::NAN, ..FusedConfig::default() }).to_string();
+    assert!(sentence.contains("visual_share"), "{sentence}");
+    let sentence = refused(FusedConfig { wall_m_per_s: -1.0, ..FusedConfig::default() }).to_string();
+    assert!(sentence.contains("wall_m_per_s"), "{sentence}");
 }
 
 #[test]
