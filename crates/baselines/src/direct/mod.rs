@@ -24,7 +24,7 @@ pub use align::{Alignment, Brightness, align};
 
 use crate::{BaselineError, picture};
 use align::Reference;
-use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked, se3};
+use endoscape_core::{Camera, Frame, Image, Observation, Odometry, Pose, TrackError, Tracked, se3};
 use keyframe::{Keyframe, View};
 use nalgebra::Vector6;
 use point::InverseDepth;
@@ -113,6 +113,8 @@ pub struct Direct {
     lost: usize,
     /// Share of points that agreed in the last alignment.
     usual_agreeing: f64,
+    /// The picture before and what was said about it.
+    before: Option<(Arc<Image>, Tracked)>,
 }
 
 impl Direct {
@@ -133,6 +135,7 @@ impl Direct {
             last_from_previous: Pose::identity(),
             lost: 0,
             usual_agreeing: 1.0,
+            before: None,
         })
     }
 
@@ -311,7 +314,14 @@ impl Odometry for Direct {
 
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
         let size = self.lenses.level(0).camera().size();
-        Ok(self.track_frame(picture::of(observation, NAME, size)?))
+        let frame = picture::of(observation, NAME, size)?;
+        // Seen again, a picture would be taken for new evidence of depths it has already given.
+        if let Some((_, tracked)) = self.before.as_ref().filter(|(image, _)| *image == frame.image) {
+            return Ok(tracked.clone());
+        }
+        let tracked = self.track_frame(frame);
+        self.before = Some((frame.image.clone(), tracked.clone()));
+        Ok(tracked)
     }
 }
 
