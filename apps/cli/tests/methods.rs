@@ -1,6 +1,11 @@
 //! What every method promises: an answer for each observation of a spoilt recording, and an account of its cost.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "test helpers fail by panicking")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
 
 mod common;
 use common::{Folder, json, model, recurrent_model, succeed};
