@@ -9,38 +9,14 @@
 
 mod common;
 
-use common::{Folder, endoscape, fail, json, model, succeed, tube};
+use common::{Folder, SLIM, endoscape, fail, json, model, recurrent_model, succeed, tube};
 use endoscape_core::{Image, Size};
 use std::path::Path;
-
-/// A network small enough for a test.
-const SLIM: &str = "
-width = 64
-height = 48
-batch = 1
-subsequence = 6
-truncation = 3
-log_every = 1
-checkpoint_seconds = 0.0
-decay = 'constant'
-[net]
-stem = [4, 6]
-blocks = [[2, 3, 2, 1], [3, 4, 3, 2], [4, 5, 4, 3]]
-grid = 2
-hidden = 8
-";
-
-/// Trains on the repository's sequence, in metres.
-fn trained(folder: &Folder, out: &str, steps: &str) -> String {
-    let (config, out) = (folder.file("slim.toml", SLIM), folder.path(out));
-    succeed(&["train", "--supervised", "--data", &tube(), "--out", &out, "--config", &config, "--steps", steps]);
-    out
-}
 
 #[test]
 fn a_network_is_trained_with_true_poses_and_runs_in_metres() {
     let folder = Folder::new();
-    let model = trained(&folder, "model", "20");
+    let model = recurrent_model(&folder, "model", "20");
     for file in
         ["config.toml", "run.json", "metrics.csv", "validation.csv", "best/manifest.json", "latest/progress.json"]
     {
@@ -61,7 +37,7 @@ fn a_network_is_trained_with_true_poses_and_runs_in_metres() {
 #[test]
 fn a_supervised_run_is_resumed_without_being_told_its_kind() {
     let folder = Folder::new();
-    let (whole, parts) = (trained(&folder, "whole", "4"), trained(&folder, "parts", "2"));
+    let (whole, parts) = (recurrent_model(&folder, "whole", "4"), recurrent_model(&folder, "parts", "2"));
     succeed(&["train", "--data", &tube(), "--out", &parts, "--resume", "--steps", "4"]);
     let weights = |run: &str| std::fs::read(Path::new(run).join("latest/weights.safetensors")).unwrap();
     assert!(weights(&whole) == weights(&parts), "the weights differ");
@@ -72,7 +48,7 @@ fn a_supervised_run_is_resumed_without_being_told_its_kind() {
 #[test]
 fn a_model_of_the_wrong_kind_is_one_sentence() {
     let folder = Folder::new();
-    let (recurrent, joint, out) = (trained(&folder, "model", "1"), model(), folder.path("out"));
+    let (recurrent, joint, out) = (recurrent_model(&folder, "model", "1"), model(), folder.path("out"));
     let run = |method: &str, model: &str| fail(&["run", &tube(), "--method", method, "--model", model, "--out", &out]);
     let sentence = run("learned", &recurrent);
     assert!(sentence.contains("holds a recurrent network") && sentence.contains("--method recurrent"), "{sentence}");

@@ -1,8 +1,10 @@
-//! Runs a method over a sequence and writes its poses: `track direct SEQUENCE OUT.tum [FIRST..LAST]`, or
-//! `track magnetic FOLDER OUT.tum`.
+//! Runs a method over a sequence and writes its poses: `track direct SEQUENCE OUT.tum [FIRST..LAST]`, with the feature
+//! `orb` also `track orb-endo` and `track orb-ordinary`, or `track magnetic FOLDER OUT.tum`.
 
 use endoscape_baselines::{Direct, DirectConfig, Magnetic, MagneticConfig};
-use endoscape_core::{Observation, Odometry, TimedPose, trajectory};
+#[cfg(feature = "orb")]
+use endoscape_baselines::{Orb, OrbConfig};
+use endoscape_core::{Camera, Observation, Odometry, TimedPose, trajectory};
 use endoscape_frames::{formats, magnet};
 use std::error::Error;
 use std::io::Write as _;
@@ -14,18 +16,17 @@ type Outcome<T> = Result<T, Box<dyn Error>>;
 fn main() -> Outcome<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [method, input, out, rest @ ..] = arguments.as_slice() else {
-        return Err("usage: track direct|magnetic INPUT OUT.tum [FIRST..LAST]".into());
+        return Err("usage: track direct|orb-endo|orb-ordinary|magnetic INPUT OUT.tum [FIRST..LAST]".into());
     };
     let poses = match method.as_str() {
-        "direct" => direct(Path::new(input), rest.first().map(String::as_str))?,
         "magnetic" => magnetic(Path::new(input))?,
-        other => return Err(format!("there is no method {other}").into()),
+        visual => follow(visual, Path::new(input), rest.first().map(String::as_str))?,
     };
     std::fs::write(out, trajectory::to_tum(&poses))?;
     Ok(())
 }
 
-fn direct(input: &Path, range: Option<&str>) -> Outcome<Vec<TimedPose>> {
+fn follow(method: &str, input: &Path, range: Option<&str>) -> Outcome<Vec<TimedPose>> {
     let sequence = formats::open(input, None)?;
     let camera = sequence.camera.ok_or("the sequence has no camera")?;
     let mut range_of = 0..sequence.frames.len();
@@ -33,9 +34,20 @@ fn direct(input: &Path, range: Option<&str>) -> Outcome<Vec<TimedPose>> {
         range_of = first.parse()?..last.parse()?;
     }
     let mut frames = sequence.open_frames(range_of)?;
-    let mut method = Direct::new(DirectConfig::default(), &camera)?;
+    let mut method = visual(method, &camera)?;
     let mut observations = std::iter::from_fn(move || frames.next_frame().transpose());
-    observe(&mut method, &mut observations.by_ref().map(|frame| Ok(Observation::Frame(frame?))))
+    observe(method.as_mut(), &mut observations.by_ref().map(|frame| Ok(Observation::Frame(frame?))))
+}
+
+fn visual(name: &str, camera: &Camera) -> Outcome<Box<dyn Odometry>> {
+    Ok(match name {
+        "direct" => Box::new(Direct::new(DirectConfig::default(), camera)?),
+        #[cfg(feature = "orb")]
+        "orb-endo" => Box::new(Orb::new(OrbConfig::endoscopic(), camera)?),
+        #[cfg(feature = "orb")]
+        "orb-ordinary" => Box::new(Orb::new(OrbConfig::ordinary(), camera)?),
+        other => return Err(format!("there is no method {other} in this build").into()),
+    })
 }
 
 fn magnetic(input: &Path) -> Outcome<Vec<TimedPose>> {

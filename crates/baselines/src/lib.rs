@@ -19,6 +19,7 @@ pub mod least_squares;
 pub mod magnetic;
 #[cfg(feature = "orb")]
 pub mod orb;
+mod picture;
 
 pub use direct::{Direct, DirectConfig};
 pub use error::BaselineError;

@@ -113,6 +113,30 @@ pub fn model() -> String {
     folder.path().join("run").display().to_string()
 }
 
+/// A recurrent network small enough for a test.
+pub const SLIM: &str = "
+width = 64
+height = 48
+batch = 1
+subsequence = 6
+truncation = 3
+log_every = 1
+checkpoint_seconds = 0.0
+decay = 'constant'
+[net]
+stem = [4, 6]
+blocks = [[2, 3, 2, 1], [3, 4, 3, 2], [4, 5, 4, 3]]
+grid = 2
+hidden = 8
+";
+
+/// A training run of the recurrent network on the repository's sequence, in metres.
+pub fn recurrent_model(folder: &Folder, name: &str, steps: &str) -> String {
+    let (config, out) = (folder.file("slim.toml", SLIM), folder.path(name));
+    succeed(&["train", "--supervised", "--data", &tube(), "--out", &out, "--config", &config, "--steps", steps]);
+    out
+}
+
 /// A temporary folder that is filled by name.
 pub struct Folder(tempfile::TempDir);
 

@@ -22,9 +22,9 @@ pub mod search;
 
 pub use align::{Alignment, Brightness, align};
 
-use crate::BaselineError;
+use crate::{BaselineError, picture};
 use align::Reference;
-use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked, se3};
+use endoscape_core::{Camera, Frame, Image, Observation, Odometry, Pose, TrackError, Tracked, se3};
 use keyframe::{Keyframe, View};
 use nalgebra::Vector6;
 use point::InverseDepth;
@@ -113,6 +113,8 @@ pub struct Direct {
     lost: usize,
     /// Share of points that agreed in the last alignment.
     usual_agreeing: f64,
+    /// The picture before and what was said about it.
+    before: Option<(Arc<Image>, Tracked)>,
 }
 
 impl Direct {
@@ -133,21 +135,16 @@ impl Direct {
             last_from_previous: Pose::identity(),
             lost: 0,
             usual_agreeing: 1.0,
+            before: None,
         })
     }
 
-    fn track_frame(&mut self, frame: &Frame) -> Result<Tracked, TrackError> {
-        let size = self.lenses.level(0).camera().size();
-        if frame.image.size() != size {
-            let reason =
-                format!("it is {} but the camera is for {size}; give the camera of these frames", frame.image.size());
-            return Err(TrackError::Unsuitable { method: NAME, index: frame.index, reason });
-        }
+    fn track_frame(&mut self, frame: &Frame) -> Tracked {
         let pyramid = Arc::new(Pyramid::new(&frame.image, frame.usable.clone(), &self.lenses));
-        let Some(keyframe) = self.keyframe.take() else { return Ok(self.begin(pyramid, None)) };
+        let Some(keyframe) = self.keyframe.take() else { return self.begin(pyramid, None) };
         match self.find(&keyframe, &pyramid).filter(believed) {
-            Some(alignment) => Ok(self.accept(keyframe, pyramid, alignment)),
-            None => Ok(self.miss(keyframe, pyramid)),
+            Some(alignment) => self.accept(keyframe, pyramid, alignment),
+            None => self.miss(keyframe, pyramid),
         }
     }
 
@@ -316,13 +313,15 @@ impl Odometry for Direct {
     }
 
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
-        match observation {
-            Observation::Frame(frame) => self.track_frame(frame),
-            Observation::Magnetic(reading) => {
-                let reason = "it is a magnetic reading, but pictures are needed; give a video".into();
-                Err(TrackError::Unsuitable { method: NAME, index: reading.index, reason })
-            }
+        let size = self.lenses.level(0).camera().size();
+        let frame = picture::of(observation, NAME, size)?;
+        // Seen again, a picture would be taken for new evidence of depths it has already given.
+        if let Some((_, tracked)) = self.before.as_ref().filter(|(image, _)| *image == frame.image) {
+            return Ok(tracked.clone());
         }
+        let tracked = self.track_frame(frame);
+        self.before = Some((frame.image.clone(), tracked.clone()));
+        Ok(tracked)
     }
 }
 

@@ -17,7 +17,7 @@ const CLONE: usize = 6;
 const SCALE: usize = 12;
 /// Linearisations of one update: the second already halves what a large correction leaves.
 const ITERATIONS: usize = 3;
-/// Chi-squared that one measurement in ten thousand exceeds, for 5 and 6 degrees of freedom.
+/// Chi-squared that one measurement in ten thousand exceeds, for 5 and 6 degrees of freedom; rarer still for 3.
 const GATE: f64 = 27.0;
 
 type Covariance = SMatrix<f64, STATES, STATES>;
@@ -142,6 +142,15 @@ impl Filter {
             noise[(3 + axis, 3 + axis)] = step.rotation_sigma_rad.powi(2);
         }
         self.update(&noise, |filter| filter.motion_residual(&step.motion))
+    }
+
+    /// Learns from a motion's rotation alone; `false` where it contradicts the state, which then stays.
+    pub fn see_turn(&mut self, step: &VisualStep) -> bool {
+        let noise = Matrix3::from_diagonal_element(step.rotation_sigma_rad.powi(2));
+        self.update(&noise, |filter| {
+            let (off, derivative) = filter.motion_residual(&step.motion);
+            (off.fixed_rows::<3>(3).into_owned(), derivative.fixed_rows::<3>(3).into_owned())
+        })
     }
 
     /// Where the magnet should be and how well that is known: variances of its place (m^2) and axis (rad^2), means

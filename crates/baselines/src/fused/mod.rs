@@ -29,7 +29,7 @@ use nalgebra::{Matrix5, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
-use window::{Mount, Sighting};
+use window::{Drift, Mount, Sighting};
 
 const NAME: &str = "fused";
 /// Standard deviation of position at which confidence has fallen to one half, metres: the capsule's own length.
@@ -40,6 +40,11 @@ const FEWEST_SIGHTINGS: usize = 8;
 const FIT_EVERY: usize = 4;
 /// Standard deviation of a roll nothing is known of, radians: that of a uniform angle, pi / sqrt(3).
 const ANY_ROLL_RAD: f64 = 1.8;
+/// Standard deviation of the logarithm of the scale up to which it counts as known. Less than of the roll will do: the
+/// filter goes on finding it, while motions of unknown roll would mislead it.
+const KNOWN_LOG_SCALE: f64 = 0.5;
+/// Roll and scale count as lost at so many times the doubt at which they count as known.
+const FADED: f64 = 5.0;
 /// Contradictions in a row after which a side is believed and what it contradicts is given up.
 const PATIENCE: usize = 5;
 /// Doubt about vision's unit after a break in its track, as a standard deviation of its logarithm.
@@ -57,19 +62,25 @@ pub struct FusedConfig {
     pub walk_m: f64,
     /// Random walk of the orientation, radians per root second. Default 0.3: 3 degrees from frame to frame at 30 Hz.
     pub walk_rad: f64,
-    /// Random walk of the logarithm of vision's scale, per root second. Default 0.01: a tenth in 100 s.
+    /// Random walk of the logarithm of vision's scale, per root second. Default 0.1: a third in 10 s.
     pub walk_log_scale: f64,
-    /// Standard deviation of a visual motion's translation: this share of it. Default 0.1.
+    /// Standard deviation of the speed at which the wall moves by itself, metres per second along each axis: vision sees
+    /// the way along the wall, not through the room. Default 3e-3: breath that moves an organ by 10 mm, 15 times a minute,
+    /// has 5.6e-3 along the body, and simulated stomachs show 2e-3 to 6e-3 (docs/paper-experiment.md). 0 for a phantom.
+    pub wall_m_per_s: f64,
+    /// Standard deviation of a visual motion's translation: this share of it, beside the wall's. Default 0.2.
     pub visual_share: f64,
     /// ... and this at least, metres. Default 2e-4, the error per frame of ORB-SLAM2 and DSO on C3VD.
     pub visual_floor_m: f64,
-    /// Least standard deviation of a visual motion's rotation, radians. Default 5e-3, as above.
+    /// Standard deviation of a visual motion's rotation: this share of it. Default 0.1: a wall moves more than it turns.
+    pub visual_turn_share: f64,
+    /// ... and this at least, radians. Default 5e-3, as above.
     pub visual_floor_rad: f64,
     /// Visual motions below this confidence are not used. Default 0.1.
     pub visual_confidence: f64,
     /// Sightings roll and scale are found from, at most. Default 120, 4 s at 30 Hz.
     pub window: usize,
-    /// Roll and scale count as known up to this standard deviation (radians; of the logarithm). Default 0.1.
+    /// The roll counts as known up to this standard deviation, radians. Default 0.1.
     pub known: f64,
     /// Settings of the magnetic side.
     pub magnetic: MagneticConfig,
@@ -80,8 +91,10 @@ impl Default for FusedConfig {
         Self {
             walk_m: 0.05,
             walk_rad: 0.3,
-            walk_log_scale: 0.01,
-            visual_share: 0.1,
+            walk_log_scale: 0.1,
+            wall_m_per_s: 0.003,
+            visual_share: 0.2,
+            visual_turn_share: 0.1,
             visual_floor_m: 2e-4,
             visual_floor_rad: 5e-3,
             visual_confidence: 0.1,
@@ -99,6 +112,7 @@ impl FusedConfig {
             ("walk_rad", self.walk_rad),
             ("walk_log_scale", self.walk_log_scale),
             ("visual_share", self.visual_share),
+            ("visual_turn_share", self.visual_turn_share),
             ("visual_floor_m", self.visual_floor_m),
             ("visual_floor_rad", self.visual_floor_rad),
             ("known", self.known),
@@ -106,6 +120,10 @@ impl FusedConfig {
         let bad = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0));
         if let Some((name, value)) = bad {
             return Err(BaselineError::Config { name, value, expected: "a finite number above 0" });
+        }
+        if !(self.wall_m_per_s.is_finite() && self.wall_m_per_s >= 0.0) {
+            let (name, value) = ("wall_m_per_s", self.wall_m_per_s);
+            return Err(BaselineError::Config { name, value, expected: "a finite number of at least 0" });
         }
         if self.window < FEWEST_SIGHTINGS {
             return Err(BaselineError::Config { name: "window", value: self.window as f64, expected: "at least 8" });
@@ -130,8 +148,8 @@ pub struct Fused {
     window: VecDeque<Sighting>,
     /// Frames since the window was last fitted.
     unfitted: usize,
-    /// The camera in vision's world at the last frame vision is sure of.
-    visual_from_last: Option<Pose>,
+    /// The camera in vision's world at the last frame vision is sure of, and that frame's time in seconds.
+    visual_from_last: Option<(Pose, f64)>,
     refused: Refused,
     seen: Seen,
 }
@@ -252,17 +270,18 @@ impl Fused {
     }
 
     fn take_view(&mut self, visual_from_camera: Pose, time_s: f64) {
-        let motion = self.visual_from_last.map(|last| last.inverse() * visual_from_camera);
+        let motion = self.visual_from_last.map(|(last, _)| last.inverse() * visual_from_camera);
         // A picture shown again says nothing about the time that passed; the next one speaks for both.
         if motion.is_some_and(|motion| se3::log(&motion).amax() < FROZEN) {
             return;
         }
-        self.visual_from_last = Some(visual_from_camera);
+        let last = self.visual_from_last.replace((visual_from_camera, time_s));
+        let elapsed_s = last.map_or(0.0, |(_, last_s)| time_s - last_s);
         self.seen.vision_s = time_s;
         self.forget_what_faded();
         if self.is_aligned {
             if let Some(motion) = motion {
-                self.take_motion(&motion);
+                self.take_motion(&motion, elapsed_s);
             }
         } else {
             self.gather(visual_from_camera);
@@ -274,8 +293,8 @@ impl Fused {
 
     /// Roll and scale that time has made uncertain are found anew.
     fn forget_what_faded(&mut self) {
-        let known = 5.0 * self.config.known;
-        let faded = |filter: &Filter| filter.rotation_sigma_rad() > known || filter.scale_sigma() > known;
+        let (roll, scale) = (FADED * self.config.known, FADED * KNOWN_LOG_SCALE);
+        let faded = |filter: &Filter| filter.rotation_sigma_rad() > roll || filter.scale_sigma() > scale;
         if self.is_aligned && self.filter.as_ref().is_some_and(faded) {
             self.unalign();
         }
@@ -286,18 +305,22 @@ impl Fused {
         self.window.clear();
     }
 
-    fn take_motion(&mut self, motion: &Pose) {
+    fn take_motion(&mut self, motion: &Pose, elapsed_s: f64) {
         let Some(filter) = &mut self.filter else { return };
         let way_m = motion.translation.vector.norm() * filter.log_scale.exp();
+        let turn_rad = motion.rotation.angle();
+        let by_wall_m = self.config.wall_m_per_s * elapsed_s;
         let step = VisualStep {
             motion: *motion,
-            translation_sigma_m: self.config.visual_floor_m.hypot(self.config.visual_share * way_m),
-            rotation_sigma_rad: self.config.visual_floor_rad.hypot(self.config.visual_share * motion.rotation.angle()),
+            translation_sigma_m: self.config.visual_floor_m.hypot(self.config.visual_share * way_m).hypot(by_wall_m),
+            rotation_sigma_rad: self.config.visual_floor_rad.hypot(self.config.visual_turn_share * turn_rad),
         };
         if filter.see_motion(&step) {
             self.refused.vision = 0;
             return;
         }
+        // A wall that moves deceives vision about the way, hardly about the turn.
+        filter.see_turn(&step);
         self.refused.vision += 1;
         if self.refused.vision >= PATIENCE {
             self.refused.vision = 0;
@@ -329,9 +352,10 @@ impl Fused {
     fn align(&mut self, mount: &Mount, start: Pose) {
         let (Some(filter), known) = (&mut self.filter, self.config.known) else { return };
         let window = self.window.make_contiguous();
-        let Some(found) = window::agree(window, mount, &start, self.config.visual_share) else { return };
+        let drift = Drift { way: self.config.visual_share, turn: self.config.visual_turn_share };
+        let Some(found) = window::agree(window, mount, &start, drift) else { return };
         let rotation = found.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max();
-        if rotation < known * known && found.covariance[(6, 6)] < known * known {
+        if rotation < known * known && found.covariance[(6, 6)] < KNOWN_LOG_SCALE * KNOWN_LOG_SCALE {
             *filter = Filter::new(filter.time_s, found.world_from_camera, found.log_scale, &found.covariance);
             self.is_aligned = true;
             self.refused = Refused::default();

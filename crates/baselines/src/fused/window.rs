@@ -32,6 +32,15 @@ pub struct Mount {
     pub axis: UnitVector3<f64>,
 }
 
+/// How vision's path is doubted, as shares of what lies between a frame and the newest one.
+#[derive(Clone, Copy, Debug)]
+pub struct Drift {
+    /// Of the way.
+    pub way: f64,
+    /// Of the turn.
+    pub turn: f64,
+}
+
 /// The newest pose and the scale, with their covariance (twist, logarithm of the scale).
 #[derive(Clone, Debug)]
 pub struct Agreement {
@@ -45,8 +54,8 @@ pub struct Agreement {
 
 /// Fits the window; `None` where vision did not move or the window leaves something open.
 ///
-/// `start` gives the place and heading to start from, `drift` vision's doubt as a share of the way.
-pub fn agree(window: &[Sighting], mount: &Mount, start: &Pose, drift: f64) -> Option<Agreement> {
+/// `start` gives the place and heading to start from.
+pub fn agree(window: &[Sighting], mount: &Mount, start: &Pose, drift: Drift) -> Option<Agreement> {
     let problem = WindowProblem::new(window, mount, drift)?;
     let log_scale = problem.first_log_scale()?;
     let magnet = start * Point3::from(mount.in_camera_m);
@@ -78,15 +87,15 @@ struct WindowProblem<'a> {
 }
 
 impl<'a> WindowProblem<'a> {
-    fn new(window: &[Sighting], mount: &'a Mount, drift: f64) -> Option<Self> {
+    fn new(window: &[Sighting], mount: &'a Mount, drift: Drift) -> Option<Self> {
         let newest = window.last()?;
         let newest_from_visual = newest.visual_from_camera.inverse();
         let row = |sighting: &Sighting| {
             let newest_from_camera = newest_from_visual * sighting.visual_from_camera;
             let way_m = (sighting.magnet_m.0 - newest.magnet_m.0).norm();
             let turn_rad = newest_from_camera.rotation.angle();
-            let place = sighting.magnet_m.1 + (drift * way_m).powi(2);
-            let heading = sighting.heading.1 + (drift * turn_rad).powi(2);
+            let place = sighting.magnet_m.1 + (drift.way * way_m).powi(2);
+            let heading = sighting.heading.1 + (drift.turn * turn_rad).powi(2);
             let weights = (1.0 / place, 1.0 / heading);
             Row { newest_from_camera, magnet_m: sighting.magnet_m.0, heading: sighting.heading.0, weights }
         };

@@ -18,7 +18,7 @@ mod map;
 mod memory;
 mod view;
 
-use crate::BaselineError;
+use crate::{BaselineError, picture};
 use endoscape_core::{Camera, Frame, Observation, Odometry, Pose, TrackError, Tracked};
 use kornia_image::Image as Pixels;
 use map::{Found, Map};
@@ -148,14 +148,6 @@ impl Orb {
     }
 
     fn track_frame(&mut self, frame: &Frame) -> Result<Tracked, TrackError> {
-        if frame.image.size() != self.size {
-            let reason = format!(
-                "it is {} but the camera is for {}; give the camera of these frames",
-                frame.image.size(),
-                self.size
-            );
-            return Err(TrackError::Unsuitable { method: NAME, index: frame.index, reason });
-        }
         let begun = Instant::now();
         let fail = |reason| TrackError::Failed { method: NAME, index: frame.index, reason };
         let view = self.eye.see(frame).map_err(fail)?;
@@ -219,13 +211,7 @@ impl Odometry for Orb {
     }
 
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
-        match observation {
-            Observation::Frame(frame) => self.track_frame(frame),
-            Observation::Magnetic(reading) => {
-                let reason = "it is a magnetic reading, but pictures are needed; give a video".into();
-                Err(TrackError::Unsuitable { method: NAME, index: reading.index, reason })
-            }
-        }
+        self.track_frame(picture::of(observation, NAME, self.size)?)
     }
 
     fn stage_times(&self) -> &[(&'static str, Duration)] {

@@ -117,6 +117,27 @@ fn a_lost_way_is_found_again_by_known_landmarks() {
     }
 }
 
+#[test]
+fn frozen_pictures_move_nobody_and_a_cut_ends_in_a_new_start() {
+    let mut orb = Orb::new(config(), &camera()).unwrap();
+    let mut show = |index: usize, place: &Pose| orb.track(&observation(index, picture(place))).unwrap();
+    let before: Vec<Tracked> = (0..14).map(|index| show(index, &truth(index))).collect();
+    let place = |tracked: &Tracked| tracked.world_from_camera.unwrap().translation.vector;
+    let last = before.last().unwrap();
+    assert!(last.confidence > 0.1, "{:?}", last.warning);
+    for index in 14..18 {
+        let frozen = show(index, &truth(13));
+        assert!((place(&frozen) - place(last)).norm() < 0.02 * place(last).norm(), "frame {index}");
+    }
+    // 40 m along the wall: nothing there was seen before.
+    let after: Vec<Tracked> =
+        (18..46).map(|index| show(index, &(Pose::translation(40.0, 0.0, 0.0) * truth(index - 18)))).collect();
+    assert!(after[0].confidence == 0.0 && after[0].warning.is_some());
+    assert!(after.iter().all(|tracked| place(tracked).iter().all(|x| x.is_finite())));
+    let says = |tracked: &Tracked| tracked.warning.as_ref().is_some_and(|warning| warning.contains("a new start"));
+    assert!(after.iter().any(says) && after.last().unwrap().confidence > 0.1);
+}
+
 /// The fisheye of the tube in the fixtures.
 fn fisheye() -> Camera {
     let intrinsics = Intrinsics { fx: 76.0, fy: 75.0, cx: 80.5, cy: 62.5, skew: 0.0 };
