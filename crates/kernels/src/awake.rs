@@ -11,7 +11,8 @@ const PATIENCE: Duration = Duration::from_micros(200);
 ///
 /// Threads without work fall asleep within microseconds, and waking one takes longer than a small layer. A thread that
 /// finds nothing to do for a while sleeps all the same, so that nobody waits for it. Calls may be nested: the inner one
-/// wakes threads that have fallen asleep since.
+/// wakes threads that have fallen asleep since. Burn keeps one graph of gradients per thread, so a pass forward in here
+/// and its pass backward belong into the same call.
 pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     let done = &AtomicBool::new(false);
     rayon::scope(|scope| {

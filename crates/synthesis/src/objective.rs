@@ -15,7 +15,6 @@ use crate::pyramid::{WHOLLY, enlarge, shrink, shrink_usable};
 use crate::smoothness::smoothness;
 use crate::warp::{Synthesized, depth_from_disparity, finite_disparity, sample_bilinear, synthesize};
 use burn::tensor::Tensor;
-use endoscape_kernels::awake;
 
 /// A picture and which of its pixels mean anything.
 #[derive(Clone, Debug)]
@@ -79,11 +78,6 @@ pub struct LossTerms {
 /// # Panics
 /// If the parts of `batch` and `prediction` do not belong together: other numbers of sources or scales, other sizes.
 pub fn objective(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
-    // Many small parallel parts, where the kernels are used.
-    awake(|| judge(batch, prediction, config))
-}
-
-fn judge(batch: &ViewBatch, prediction: &Prediction, config: &ObjectiveConfig) -> LossTerms {
     let zero = Tensor::<1>::zeros([1], (&batch.target.image.device(), batch.target.image.dtype()));
     let (mut photometric, mut geometry, mut coverage) = (zero.clone(), zero.clone(), zero.clone());
     let (mut smooth, mut mask) = (zero.clone(), zero.clone());

@@ -35,6 +35,13 @@ impl Operand {
         values(&self.numbers)
     }
 
+    /// The numbers and their place in the graph.
+    fn in_graph(self) -> (FlexTensor, NodeGuard) {
+        let Self { numbers, node } = self;
+        let node = node.unwrap_or_else(|| Tracked::from_inner(numbers.clone()).into_parts().1);
+        (numbers, node)
+    }
+
     /// The numbers alone, for what a function knows from the beginning.
     pub fn detached(self) -> Numbers {
         Numbers(self.numbers)
@@ -61,10 +68,11 @@ pub fn function<const N: usize, const D: usize>(
     gradients: impl Fn([&[f32]; N], &[f32], [bool; N]) -> [Option<Vec<f32>>; N] + Send + 'static,
 ) -> Option<Tensor<D>> {
     let result = FlexTensor::from_data(TensorData::new(numbers, shape));
-    let (inputs, nodes): (Vec<_>, Vec<_>) = operands.into_iter().map(|operand| (operand.numbers, operand.node)).unzip();
-    let Some(nodes) = nodes.into_iter().collect::<Option<Vec<_>>>() else {
+    if operands.iter().all(|operand| operand.node.is_none()) {
         return Some(Tensor::from_primitive::<Flex>(result));
-    };
+    }
+    // Operands of a device without a graph, pictures for example, are constants beside the others.
+    let (inputs, nodes): (Vec<_>, Vec<_>) = operands.into_iter().map(Operand::in_graph).unzip();
     let preparation = Step(gradients).prepare::<NoCheckpointing>(nodes.try_into().ok()?);
     let result = match preparation.compute_bound().stateful() {
         OpsKind::Tracked(preparation) => preparation.finish(inputs.try_into().ok()?, result),

@@ -136,3 +136,14 @@ fn double_precision_is_left_to_the_reference() {
     assert!(sample_bilinear(&picture, &Tensor::zeros([1, 2, 3, 3], (&device, DType::F64)), None).is_none());
     assert!(second_order(&picture).is_none());
 }
+
+#[test]
+fn pictures_outside_the_graph_are_constants_beside_the_others() {
+    let random =
+        |shape, low, high, device: &Device| Tensor::<4>::random(shape, Distribution::Uniform(low, high), device);
+    let picture = random([1, 3, 6, 8], 0.0, 1.0, &Device::flex());
+    let pixels = random([1, 2, 6, 8], 1.0, 4.0, &Device::flex().autodiff()).require_grad();
+    let read = sample_bilinear(&picture, &pixels, None).unwrap();
+    let gradient = pixels.grad(&read.sum().backward()).unwrap();
+    assert!(gradient.abs().sum().into_scalar::<f32>() > 0.0);
+}
