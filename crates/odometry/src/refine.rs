@@ -15,6 +15,7 @@ use endoscape_frames::FramesError;
 use endoscape_frames::preprocess::specular::{self, SpecularConfig};
 use endoscape_frames::preprocess::{contrast, resize};
 use nalgebra::{Point2, Point3};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 /// Pixels that are compared.
 const POINTS: usize = 1200;
@@ -97,8 +98,8 @@ impl Refiner {
             let guess = Alignment::guess(*guess, Brightness::default());
             reference.align(&current.pyramid, &self.lenses, &guess, NOISE)
         };
-        let trusted = guesses.iter().filter_map(aligned).filter(is_trusted);
-        let best = trusted.max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
+        let trusted: Vec<Alignment> = guesses.par_iter().filter_map(aligned).filter(is_trusted).collect();
+        let best = trusted.into_iter().max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
         reference.observe(&current.pyramid, &self.lenses, &best, NOISE);
         Some(best.current_from_reference)
     }

@@ -11,6 +11,7 @@ use super::search::Target;
 use crate::least_squares::{self, NormalEquations, Problem, Stop};
 use endoscape_core::{Camera, CameraError, Grid, Image, Pose, se3};
 use nalgebra::{Matrix6, SVector, Vector2, Vector3, Vector6};
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator};
 
 /// Unknowns: twist of the motion (6), logarithm of the gain, offset.
 const UNKNOWNS: usize = 8;
@@ -249,9 +250,7 @@ impl Reference {
         let (level, lens) = (current.level(0), lenses.level(0));
         let (motion, brightness) = (alignment.current_from_reference, alignment.brightness);
         let target = Target { level, lens, motion, brightness, noise };
-        for point in &mut self.points {
-            point.observe(target.search(point));
-        }
+        self.points.par_iter_mut().with_min_len(POINTS_PER_TASK).for_each(|point| point.observe(target.search(point)));
     }
 
     /// Finds the motion to a current picture near a guess.
@@ -331,6 +330,9 @@ pub fn align(
     let guess = Alignment::guess(*guess, Brightness::default());
     Ok(reference.align(&current, &lenses, &guess, super::BRIGHTNESS_NOISE))
 }
+
+/// Points whose depth is searched by one task: enough to be worth the handing over.
+const POINTS_PER_TASK: usize = 64;
 
 /// Points of given depth that are enough for a coarse level.
 const COARSE_POINTS: usize = 200;
