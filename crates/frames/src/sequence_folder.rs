@@ -16,6 +16,7 @@
 use crate::{FramesError, picture};
 use endoscape_core::{Camera, DepthMap, Grid, Image, Mask, Pose, Size, TimedPose, trajectory};
 use serde::{Deserialize, Serialize};
+use std::fs::OpenOptions;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -160,6 +161,16 @@ impl Writer {
         let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
         folder
             .and_then(|()| std::fs::write(&path, contents))
+            .map_err(|error| FramesError::io(&self.out.join(name), "write", error))
+    }
+
+    /// Adds to the end of a file that is too long to be kept until the sequence is complete.
+    ///
+    /// # Errors
+    /// [`FramesError::Io`] if the disk refuses.
+    pub fn append(&self, name: &str, contents: &str) -> Result<(), FramesError> {
+        let file = OpenOptions::new().create(true).append(true).open(self.root.join(name));
+        file.and_then(|mut file| file.write_all(contents.as_bytes()))
             .map_err(|error| FramesError::io(&self.out.join(name), "write", error))
     }
 

@@ -21,7 +21,7 @@ use crate::sensor::{Developed, Sensor, encode};
 use crate::surface::Posed;
 use crate::{Effect, Effects, SimError};
 use endoscape_core::camera::{Intrinsics, KannalaBrandt};
-use endoscape_core::magnetic::{READINGS_FILE, RIG_FILE, to_csv};
+use endoscape_core::magnetic::{READINGS_FILE, RIG_FILE, csv_header, csv_row};
 use endoscape_core::{Camera, DepthMap, Event, EventSink, Grid, Image, Pose, Size};
 use endoscape_frames::magnet::rig_to_toml;
 use endoscape_frames::sequence_folder::{Header, Writer, WrittenFrame};
@@ -147,17 +147,17 @@ pub fn simulate(config: &Config, out: &Path, sink: &mut dyn EventSink) -> Result
     let mut writer = Writer::create(out, header(config, &anatomy))?;
     let patient = Patient::new(config, &anatomy);
     let mut session = Session::start(&patient)?;
-    let mut readings = Vec::with_capacity(config.frames);
+    writer.append(READINGS_FILE, &csv_header(magnetometer.rig().array().positions_m.len()))?;
     sink.event(Event::Started { stage: "simulating".into(), total: Some(config.frames as u64) });
     for number in 0..config.frames {
         let frame = session.next_frame()?;
         write(&mut writer, number, &frame)?;
-        readings.push(magnetometer.read(number, frame.time_s, &frame.world_from_camera));
+        let reading = magnetometer.read(number, frame.time_s, &frame.world_from_camera);
+        writer.append(READINGS_FILE, &csv_row(&reading))?;
         sink.event(Event::Advanced { done: number as u64 + 1 });
     }
     sink.event(Event::Finished);
     writer.write_file(RIG_FILE, rig_to_toml(magnetometer.rig())?)?;
-    writer.write_file(READINGS_FILE, to_csv(&readings))?;
     writer.write_file("labels.csv", label_names())?;
     writer.write_file("simulation.toml", description(config))?;
     let pace = session.flight.pace();

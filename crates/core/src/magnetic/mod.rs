@@ -3,7 +3,7 @@
 //! | file in a sequence folder | what | here |
 //! |---|---|---|
 //! | [`RIG_FILE`] `magnet.toml` | the magnet, where it sits on the camera, the array and where it stands | [`MagneticRig`] |
-//! | [`READINGS_FILE`] `magnet.csv` | one line per reading | [`parse_csv`], [`to_csv`] |
+//! | [`READINGS_FILE`] `magnet.csv` | one line per reading | [`parse_csv`], [`to_csv`], [`csv_header`], [`csv_row`] |
 //!
 //! The array's frame: sensors near the plane z = 0, the magnet on the side of positive z. That side is part of the
 //! definition, because sensors that measure only along z cannot tell a magnet from its mirror image behind the plane.
@@ -18,7 +18,7 @@ mod text;
 
 pub use dipole::{Dipole, MU_0_OVER_4_PI};
 pub use rig::{HallArray, Magnet, MagneticError, MagneticRig};
-pub use text::{parse_csv, to_csv};
+pub use text::{csv_header, csv_row, parse_csv, to_csv};
 
 /// Name of the file of readings in a sequence folder.
 pub const READINGS_FILE: &str = "magnet.csv";

@@ -10,23 +10,29 @@ use std::fmt::Write as _;
 /// Writes readings with digits enough to read back the same numbers. All must have as many sensors as the first.
 pub fn to_csv(readings: &[MagneticReading]) -> String {
     let sensors = readings.first().map_or(0, |reading| reading.field_tesla.len());
+    std::iter::once(csv_header(sensors)).chain(readings.iter().map(csv_row)).collect()
+}
+
+/// The first line of a file of readings, for an array of `sensors` sensors.
+pub fn csv_header(sensors: usize) -> String {
     let mut text = String::from("index,time_s");
     for sensor in 0..sensors {
         // Writing to a String cannot fail.
         write!(text, ",b{sensor}_x_tesla,b{sensor}_y_tesla,b{sensor}_z_tesla").ok();
     }
-    text.push('\n');
-    for reading in readings {
-        write!(text, "{},{}", reading.index, reading.time_s).ok();
-        for field in &reading.field_tesla {
-            for component in field.unwrap_or(Vector3::from_element(f64::NAN)).iter() {
-                let cell = if component.is_finite() { format!("{component:e}") } else { String::new() };
-                write!(text, ",{cell}").ok();
-            }
+    text + "\n"
+}
+
+/// The line of a reading, for files that grow.
+pub fn csv_row(reading: &MagneticReading) -> String {
+    let mut text = format!("{},{}", reading.index, reading.time_s);
+    for field in &reading.field_tesla {
+        for component in field.unwrap_or(Vector3::from_element(f64::NAN)).iter() {
+            let cell = if component.is_finite() { format!("{component:e}") } else { String::new() };
+            write!(text, ",{cell}").ok();
         }
-        text.push('\n');
     }
-    text
+    text + "\n"
 }
 
 /// Reads the readings of an array of `sensors` sensors.
