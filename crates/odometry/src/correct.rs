@@ -197,11 +197,12 @@ mod tests {
 
     #[test]
     fn a_smooth_error_is_undone_also_among_outliers() {
-        for spoilt in [usize::MAX, 5] {
+        // A fifth of outliers, all to one side, moves Huber's loss by some hundredths.
+        for (spoilt, limit) in [(usize::MAX, 0.03), (5, 0.06)] {
             let mut seen = sightings(slope);
             seen.iter_mut().step_by(spoilt).skip(1).for_each(|sighting| sighting.log_ratio += 2.0);
             let found = Correction::fit(&seen, SIZE).unwrap();
-            assert!(off(&found, slope) < 0.06, "{} with one of {spoilt} spoilt", off(&found, slope));
+            assert!(off(&found, slope) < limit, "{} with one of {spoilt} spoilt", off(&found, slope));
         }
     }
 

@@ -5,7 +5,7 @@
 //! fraction of a pixel, in the unit of that depth.
 
 use crate::correct::Sighting;
-use crate::reproject::{bilinear, stretched};
+use crate::reproject::{bilinear, rescaled, stretched};
 use endoscape_baselines::direct::align::Reference;
 use endoscape_baselines::direct::point::Point;
 use endoscape_baselines::direct::pyramid::{Lenses, Pyramid};
@@ -120,12 +120,6 @@ impl Refiner {
         };
         reference.points.iter().filter(|point| point.found > 0).filter_map(sighting).collect()
     }
-}
-
-/// A place in a picture of one size at another, edges to edges.
-fn rescaled(at: &Point2<f64>, from: Size, to: Size) -> Point2<f64> {
-    let place = |at: f64, from: usize, to: usize| (at + 0.5) * to as f64 / from as f64 - 0.5;
-    Point2::new(place(at.x, from.width, to.width), place(at.y, from.height, to.height))
 }
 
 fn is_trusted(aligned: &Alignment) -> bool {

@@ -93,15 +93,19 @@ pub fn bilinear(grid: &Grid<f32>, at: &Point2<f64>) -> Option<f64> {
     Some(mix(grid.row(top)) * (1.0 - down) + mix(grid.row(low)) * down)
 }
 
+/// A place in a picture of one size at another, edges to edges.
+pub(crate) fn rescaled(at: &Point2<f64>, from: Size, to: Size) -> Point2<f64> {
+    let place = |at: f64, from: usize, to: usize| (at + 0.5) * to as f64 / from as f64 - 0.5;
+    Point2::new(place(at.x, from.width, to.width), place(at.y, from.height, to.height))
+}
+
 /// A dense map at another size, bilinear, edges to edges.
 pub(crate) fn stretched(map: &Grid<f32>, size: Size) -> Grid<f32> {
-    let old = map.size();
-    if old == size {
+    if map.size() == size {
         return map.clone();
     }
-    let place = |at: usize, new: usize, old: usize| (at as f64 + 0.5) * old as f64 / new as f64 - 0.5;
     Grid::from_fn(size, |x, y| {
-        let at = Point2::new(place(x, size.width, old.width), place(y, size.height, old.height));
+        let at = rescaled(&Point2::new(x as f64, y as f64), size, map.size());
         bilinear(map, &at).unwrap_or(0.0) as f32
     })
 }
