@@ -149,12 +149,18 @@ pub fn simulate(config: &Config, out: &Path, sink: &mut dyn EventSink) -> Result
     let mut session = Session::start(&patient)?;
     writer.append(READINGS_FILE, &csv_header(magnetometer.rig().array().positions_m.len()))?;
     sink.event(Event::Started { stage: "simulating".into(), total: Some(config.frames as u64) });
+    let mut frame = session.next_frame()?;
     for number in 0..config.frames {
-        let frame = session.next_frame()?;
-        write(&mut writer, number, &frame)?;
+        let more = number + 1 < config.frames;
+        // One frame is written while the next is made.
+        let (written, next) =
+            rayon::join(|| write(&mut writer, number, &frame), || more.then(|| session.next_frame()).transpose());
+        written?;
         let reading = magnetometer.read(number, frame.time_s, &frame.world_from_camera);
         writer.append(READINGS_FILE, &csv_row(&reading))?;
         sink.event(Event::Advanced { done: number as u64 + 1 });
+        let Some(next) = next? else { break };
+        frame = next;
     }
     sink.event(Event::Finished);
     writer.write_file(RIG_FILE, rig_to_toml(magnetometer.rig())?)?;

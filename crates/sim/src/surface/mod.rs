@@ -17,6 +17,7 @@ mod triangle;
 
 pub use posed::{Hit, Posed};
 
+use glam::Vec3A;
 use nalgebra::Vector3;
 
 /// One vertex at rest, with what deformation and texture need to know about it.
@@ -139,6 +140,11 @@ impl Wall {
 /// Patches around a net of `columns` vertices.
 const fn patch_columns(columns: usize, wrapped: bool) -> usize {
     if wrapped { columns } else { columns - 1 }
+}
+
+/// A point in single precision, as boxes and the hierarchy have it.
+fn single(point: &Vector3<f64>) -> Vec3A {
+    Vec3A::new(point.x as f32, point.y as f32, point.z as f32)
 }
 
 #[cfg(test)]

@@ -3,8 +3,10 @@
 //! The net is stored with one more row and column of points on each side (wrapped, or continued by a parabola), so
 //! that every patch finds its sixteen points in four runs of memory.
 
-use super::patch_columns;
+use super::{patch_columns, single};
+use glam::Vec3A;
 use nalgebra::Vector3;
+use obvhs::aabb::Aabb;
 
 /// Points of a net with its margin.
 #[derive(Clone, Debug, Default)]
@@ -84,16 +86,11 @@ impl Net {
         }
     }
 
-    /// Lowest and highest corner of a box around the patch: that of its Bezier points, whose hull holds it.
-    pub fn bounds(&self, cell: u32) -> (Vector3<f64>, Vector3<f64>) {
-        let rows = self.support(cell).map(|row| bezier([row[0], row[1], row[2], row[3]]));
-        let (mut low, mut high) = (rows[1][0], rows[1][0]);
+    /// A box around the patch: that of its Bezier points, whose hull holds it, to single precision.
+    pub fn bounds(&self, cell: u32) -> Aabb {
+        let rows = self.support(cell).map(|row| bezier(std::array::from_fn(|i| single(&row[i]))));
         let columns = (0..4).map(|column| rows.map(|row| row[column]));
-        for point in columns.flat_map(bezier) {
-            low = low.inf(&point);
-            high = high.sup(&point);
-        }
-        (low, high)
+        columns.flat_map(bezier).fold(Aabb::empty(), |all, point| Aabb::new(all.min.min(point), all.max.max(point)))
     }
 }
 
@@ -103,8 +100,8 @@ fn continued(first: Vector3<f64>, second: Vector3<f64>, third: Vector3<f64>) -> 
 }
 
 /// Bezier points of one Catmull-Rom span.
-fn bezier([p, q, r, s]: [Vector3<f64>; 4]) -> [Vector3<f64>; 4] {
-    [q, q + (r - p) / 6.0, r - (s - q) / 6.0, r]
+fn bezier([p, q, r, s]: [Vec3A; 4]) -> [Vec3A; 4] {
+    [q, q + (r - p) * (1.0 / 6.0), r - (s - q) * (1.0 / 6.0), r]
 }
 
 /// Weights of the four points of a span and their derivatives.

@@ -1,7 +1,7 @@
 //! The wall at one moment: where its points are, and what a ray meets first.
 
 use super::patch::{self, Jet, Net};
-use super::{Site, Topology, Wall, triangle};
+use super::{Site, Topology, Wall, single, triangle};
 use glam::Vec3A;
 use nalgebra::Vector3;
 use obvhs::BvhBuildParams;
@@ -11,8 +11,9 @@ use obvhs::ray::{Ray, RayHit};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// Boxes grow by this share of their coordinates and this many metres, more than single precision loses.
-const ROUNDING: (f32, f32) = (4e-7, 1e-7);
+/// Boxes grow by this share of their coordinates and this many metres, more than a dozen roundings to single precision
+/// lose.
+const ROUNDING: (f32, f32) = (1e-6, 1e-7);
 
 /// What a ray met.
 #[derive(Clone, Copy, Debug)]
@@ -62,7 +63,9 @@ impl<'a> Posed<'a> {
         // Meeting a patch costs more than walking down the tree, so leaves are small.
         let small =
             BvhBuildParams { max_prims_per_leaf: 2, collapse_traversal_cost: 0.5, ..BvhBuildParams::fast_build() };
-        let hierarchy = build_bvh2(&boxes, small, &mut Duration::default());
+        let mut hierarchy = build_bvh2(&boxes, small, &mut Duration::default());
+        // Children behind their parents: new boxes then take one sweep.
+        hierarchy.reorder_in_stack_traversal_order();
         Self { wall, shape, hierarchy }
     }
 
@@ -71,11 +74,11 @@ impl<'a> Posed<'a> {
         let points = self.wall.vertices.par_iter().map(position).collect();
         self.shape = Shape::new(self.wall, points);
         let boxes = self.shape.boxes(self.wall);
-        for node in self.hierarchy.nodes.iter_mut().filter(|node| node.is_leaf()) {
-            let cells = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            let cells = &self.hierarchy.primitive_indices[cells];
+        let Bvh2 { nodes, primitive_indices, .. } = &mut self.hierarchy;
+        nodes.par_iter_mut().filter(|node| node.is_leaf()).for_each(|node| {
+            let cells = &primitive_indices[node.first_index as usize..(node.first_index + node.prim_count) as usize];
             node.set_aabb(cells.iter().fold(Aabb::empty(), |all, cell| all.union(&boxes[*cell as usize].0)));
-        }
+        });
         self.hierarchy.refit_all();
     }
 
@@ -160,18 +163,17 @@ impl Shape {
     }
 
     fn boxes(&self, wall: &Wall) -> Vec<Bounded> {
-        let grown = |(low, high): (Vector3<f64>, Vector3<f64>)| {
-            let (low, high) = (single(&low), single(&high));
+        let grown = |Aabb { min, max }: Aabb| {
             let room = |corner: Vec3A| corner.abs() * ROUNDING.0 + Vec3A::splat(ROUNDING.1);
-            Bounded(Aabb::new(low - room(low), high + room(high)))
+            Bounded(Aabb::new(min - room(min), max + room(max)))
         };
         let cells = 0..wall.cells() as u32;
         match self {
             Self::Patches(net) => cells.into_par_iter().map(|cell| grown(net.bounds(cell))).collect(),
             Self::Triangles { points, .. } => {
                 let bounds = |cell| {
-                    let [p, q, r] = corners(wall, points, cell);
-                    (p.inf(&q).inf(&r), p.sup(&q).sup(&r))
+                    let [p, q, r] = corners(wall, points, cell).map(|corner| single(&corner));
+                    Aabb::new(p.min(q).min(r), p.max(q).max(r))
                 };
                 cells.into_par_iter().map(|cell| grown(bounds(cell))).collect()
             }
@@ -202,8 +204,4 @@ fn vertex_normals(points: &[Vector3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f6
 fn facing(normal: Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
     let unit = normal.try_normalize(0.0).unwrap_or(-direction);
     if unit.dot(direction) > 0.0 { -unit } else { unit }
-}
-
-fn single(point: &Vector3<f64>) -> Vec3A {
-    Vec3A::new(point.x as f32, point.y as f32, point.z as f32)
 }

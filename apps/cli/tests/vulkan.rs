@@ -1,0 +1,91 @@
+//! Networks and training give on Vulkan what they give on the processor. Mesa's software driver is driver enough.
+//!
+//! `cargo test -p endoscape-cli --features vulkan --test vulkan`
+
+#![cfg(feature = "vulkan")]
+#![recursion_limit = "256"]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
+mod common;
+
+use burn::tensor::{Device, DeviceKind, Tensor};
+use common::{TINY, root, succeed, tube};
+use endoscape_frames::picture;
+use endoscape_nets::{Checkpoint, network_input};
+use std::path::Path;
+
+/// A Vulkan device, where a driver answers.
+fn vulkan() -> Option<Device> {
+    let answer = std::panic::catch_unwind(|| {
+        let device = Device::vulkan(DeviceKind::DefaultDevice);
+        let sum = Tensor::<1>::ones([2], &device).sum().into_data();
+        sum.iter::<f32>().eq([2.0]).then_some(device)
+    });
+    let device = answer.ok().flatten();
+    if device.is_none() {
+        eprintln!("skipped: no Vulkan driver answers on this computer");
+    }
+    device
+}
+
+/// Disparity of a picture, and the gradient of its squares' sum by the picture.
+fn disparity_and_gradient(device: &Device) -> [Vec<f32>; 2] {
+    let device = device.clone().autodiff();
+    let (model, _) = Checkpoint::import(&root().join("golden/nets/port_disp.pth.tar"), None, &device).unwrap();
+    let image = picture::read(&root().join("fixtures/tube/frames/000000.png")).unwrap();
+    let input = network_input(&image, &device).require_grad();
+    let disparity = model.disp.unwrap().forward(input.clone()).scales[0].clone();
+    let gradient = input.grad(&disparity.clone().square().sum().backward()).unwrap();
+    [disparity.into_data(), gradient.into_data()].map(|data| data.iter().collect())
+}
+
+/// The largest difference, as a share of the largest number.
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let largest = a.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+    a.iter().zip(b).fold(0.0_f32, |most, (a, b)| most.max((a - b).abs())) / largest
+}
+
+#[test]
+fn a_network_and_its_gradient_agree_with_the_processor() {
+    let Some(gpu) = vulkan() else { return };
+    let [disparity, gradient] = disparity_and_gradient(&Device::flex());
+    let [gpu_disparity, gpu_gradient] = disparity_and_gradient(&gpu);
+    let found = [difference(&disparity, &gpu_disparity), difference(&gradient, &gpu_gradient)];
+    assert!(found[0] < 1e-4 && found[1] < 1e-3, "{found:?}");
+}
+
+/// The losses of every step of a short training: one row of `metrics.csv` each.
+fn losses(folder: &Path, model: &str, device: &str) -> Vec<Vec<f32>> {
+    let (out, config) = (folder.join(device), folder.join("tiny.toml"));
+    std::fs::write(&config, format!("learning_rate = 1e-3\nwarmup = 0\n{TINY}")).unwrap();
+    let (out_text, config) = (out.display().to_string(), config.display().to_string());
+    let task = ["train", "--data", &tube(), "--out", &out_text, "--config", &config, "--init", model];
+    succeed(&[&task[..], &["--steps", "4", "--device", device]].concat());
+    let table = std::fs::read_to_string(out.join("metrics.csv")).unwrap();
+    let columns = |line: &str| line.split(',').skip(4).map(|field| field.parse().unwrap()).collect();
+    table.lines().skip(1).map(columns).collect()
+}
+
+#[test]
+fn a_training_agrees_with_the_processor() {
+    if vulkan().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model").display().to_string();
+    for file in ["port_disp.pth.tar", "port_pose.pth.tar"] {
+        succeed(&["import", root().join("golden/nets").join(file).to_str().unwrap(), &model]);
+    }
+    let (cpu, gpu) = (losses(folder.path(), &model, "cpu"), losses(folder.path(), &model, "vulkan"));
+    assert_eq!(cpu.len(), 4);
+    for (cpu, gpu) in cpu.iter().zip(&gpu) {
+        assert!(difference(cpu, gpu) < 1e-3, "{cpu:?} {gpu:?}");
+    }
+    assert!((cpu[0][0] - cpu[3][0]).abs() > 1e-3 * cpu[0][0], "the weights have not moved: {cpu:?}");
+}
