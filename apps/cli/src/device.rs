@@ -57,7 +57,7 @@ impl DeviceName {
             #[cfg(feature = "rocm")]
             Self::Rocm(number) => Device::rocm(number),
             #[cfg(feature = "vulkan")]
-            Self::Vulkan => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
+            Self::Vulkan => Device::wgpu_options().graphics_api(burn::tensor::wgpu::WgpuBackend::Vulkan).init()?,
             #[cfg(feature = "metal")]
             Self::Metal => Device::metal(burn::tensor::DeviceKind::DefaultDevice),
             #[allow(unreachable_patterns, reason = "a build may have every backend")]

@@ -13,24 +13,20 @@
 
 mod common;
 
-use burn::tensor::{Device, DeviceKind, Tensor};
+use burn::tensor::Device;
+use burn::tensor::wgpu::WgpuBackend;
 use common::{TINY, root, succeed, tube};
 use endoscape_frames::picture;
 use endoscape_nets::{Checkpoint, network_input};
 use std::path::Path;
+use std::sync::OnceLock;
 
-/// A Vulkan device, where a driver answers.
+/// The Vulkan device, where a driver answers. It can be opened once in a process.
 fn vulkan() -> Option<Device> {
-    let answer = std::panic::catch_unwind(|| {
-        let device = Device::vulkan(DeviceKind::DefaultDevice);
-        let sum = Tensor::<1>::ones([2], &device).sum().into_data();
-        sum.iter::<f32>().eq([2.0]).then_some(device)
-    });
-    let device = answer.ok().flatten();
-    if device.is_none() {
-        eprintln!("skipped: no Vulkan driver answers on this computer");
-    }
-    device
+    static DEVICE: OnceLock<Option<Device>> = OnceLock::new();
+    let open = || Device::wgpu_options().graphics_api(WgpuBackend::Vulkan).init();
+    let device = DEVICE.get_or_init(|| open().inspect_err(|error| eprintln!("skipped: {error}")).ok());
+    device.clone()
 }
 
 /// Disparity of a picture, and the gradient of its squares' sum by the picture.

@@ -4,8 +4,7 @@
 //! padding included, so items per second are comparable between methods. The method chosen is marked by a star.
 
 use divan::{Bencher, counter::ItemsCount};
-use endoscape_kernels::weight_gradient::GradientWorkspace;
-use endoscape_kernels::{Correlation, Epilogue, Geometry, Level, Method, Workspace, weight_gradient};
+use endoscape_kernels::{Correlation, Epilogue, Geometry, GradientWorkspace, Level, Method, WeightGradient, Workspace};
 use std::fmt;
 
 /// Name, channels of the large and the small picture, kernel, stride, rows and columns of the large one.
@@ -80,9 +79,13 @@ fn correlations(direction: fn(&Geometry, Level) -> Correlation) -> Vec<Case> {
     })
 }
 
-/// Gradients of weights of all layers.
+/// Gradients of weights of all layers, by all methods that can compute them.
 fn gradients() -> Vec<Case> {
-    cases(|_| (Method::Direct, vec![Method::Direct]))
+    cases(|geometry| {
+        let chosen = WeightGradient::new(geometry, Level::default(), BATCH);
+        let possible = Method::ALL.into_iter().filter(|method| chosen.clone().by(*method).method() == *method);
+        (chosen.method(), possible.collect())
+    })
 }
 
 fn correlate(bencher: Bencher, case: &Case, correlation: Correlation, [from, to]: [usize; 2]) {
@@ -117,8 +120,8 @@ fn weights(bencher: Bencher, case: &Case) {
     let large = vec![0.5; BATCH * large_channels * case.geometry.large_area()];
     let small = vec![0.5; BATCH * small_channels * case.geometry.small_area()];
     let (mut weights, mut workspace) = (vec![0.0; case.geometry.weights()], GradientWorkspace::default());
-    let level = Level::default();
+    let product = WeightGradient::new(&case.geometry, Level::default(), BATCH).by(case.method);
     bencher
         .counter(ItemsCount::new(BATCH * case.geometry.operations()))
-        .bench_local(|| weight_gradient(&case.geometry, level, &large, &small, &mut weights, &mut workspace));
+        .bench_local(|| product.run(&large, &small, &mut weights, &mut workspace));
 }

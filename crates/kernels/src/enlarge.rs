@@ -56,3 +56,19 @@ fn neighbours(new: usize, length: usize) -> (usize, usize) {
     let far = if new.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(length - 1) };
     (near, far)
 }
+
+/// The matrix that enlarges a line bilinearly, `scale` new numbers for each old one: pixel areas are aligned, so that new
+/// number `i` lies at `(i + 0.5) / scale - 0.5`; beyond the border the border repeats.
+///
+/// # Shapes
+/// - returns: `[to, from]`
+pub fn interpolation(from: usize, to: usize, scale: f64) -> Vec<f64> {
+    let mut matrix = vec![0.0; to * from];
+    for (i, line) in matrix.chunks_exact_mut(from.max(1)).enumerate() {
+        let place = ((i as f64 + 0.5) / scale - 0.5).clamp(0.0, (from - 1) as f64);
+        let low = place.floor() as usize;
+        line[low] += 1.0 - place.fract();
+        line[(low + 1).min(from - 1)] += place.fract();
+    }
+    matrix
+}

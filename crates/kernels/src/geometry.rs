@@ -11,7 +11,7 @@
 /// |---|---|---|
 /// | [`Correlation::to_small`](crate::Correlation::to_small) | forward | data gradient |
 /// | [`Correlation::to_large`](crate::Correlation::to_large) | data gradient | forward |
-/// | [`weight_gradient`](fn@crate::weight_gradient) | weight gradient | weight gradient |
+/// | [`WeightGradient`](crate::WeightGradient) | weight gradient | weight gradient |
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Geometry {
     /// Channels of the large picture.

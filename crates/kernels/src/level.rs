@@ -1,6 +1,6 @@
 //! Which vector instructions are used.
 
-use pulp::{Arch, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
 
 /// A set of vector instructions the machine has.
 ///
@@ -43,6 +43,11 @@ impl Level {
         }
     }
 
+    /// Numbers of a vector.
+    pub(crate) fn lanes(self) -> usize {
+        self.run(Lanes)
+    }
+
     #[inline]
     pub(crate) fn run<Op: WithSimd>(self, op: Op) -> Op::Output {
         self.0.dispatch(op)
@@ -54,5 +59,17 @@ impl Level {
             "avx512" | "neon" => &[8, 4, 1],
             _ => &[4, 1],
         }
+    }
+}
+
+/// Counts the numbers of a vector.
+struct Lanes;
+
+impl WithSimd for Lanes {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        S::F32_LANES
     }
 }

@@ -12,7 +12,7 @@
 //! | [`enlarge()`], [`enlarge_gradient`] | pictures of twice the size |
 //! | [`awake()`] | many small parallel parts one after the other, without waking the threads for each |
 //! | [`AdamStep`] | the optimiser in one pass |
-//! | [`weight_gradient`](mod@weight_gradient) | the gradient of the weights |
+//! | [`WeightGradient`] | the gradient of the weights |
 //! | [`bias_gradient`], [`relu_bias_gradient`] | the gradient of the bias, and of a ReLU in the same pass |
 //! | [`level`] | [`Level`]: which vector instructions are used |
 //!
@@ -43,14 +43,14 @@ mod second_order;
 mod tests;
 mod tile;
 mod transpose;
-pub mod weight_gradient;
+mod weight_gradient;
 
 pub use activation::{bias_gradient, relu_bias_gradient};
 pub use adam::AdamStep;
 pub use awake::awake;
 pub use correlation::{Correlation, Epilogue, Method, PackedWeights, Workspace};
 pub use correspondence::Correspondence;
-pub use enlarge::{enlarge, enlarge_gradient};
+pub use enlarge::{enlarge, enlarge_gradient, interpolation};
 pub use geometry::Geometry;
 pub use lens::Lens;
 pub use level::Level;
@@ -59,4 +59,4 @@ pub use pointwise::Pointwise;
 pub use reduction::{CrossEntropy, Divisor, WeightedMean};
 pub use sampling::Sampling;
 pub use second_order::SecondOrder;
-pub use weight_gradient::{GradientWorkspace, weight_gradient};
+pub use weight_gradient::{GradientWorkspace, WeightGradient};

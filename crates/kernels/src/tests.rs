@@ -1,8 +1,7 @@
 //! Every product beside a plain loop, on every level of the machine.
 
-use crate::weight_gradient::GradientWorkspace;
-use crate::{Correlation, Epilogue, Geometry, Level, Method, Workspace};
-use crate::{bias_gradient, relu_bias_gradient, weight_gradient};
+use crate::{Correlation, Epilogue, Geometry, GradientWorkspace, Level, Method, WeightGradient, Workspace};
+use crate::{bias_gradient, relu_bias_gradient};
 use proptest::prelude::*;
 
 /// All triples of a large pixel, a weight and a small pixel that belong together, as indices.
@@ -85,9 +84,12 @@ fn check(geometry: &Geometry, batch: usize, level: Level) {
             }
         }
     }
-    let mut gradient = vec![f32::NAN; weights.len()];
-    weight_gradient(geometry, level, &large, &small, &mut gradient, &mut GradientWorkspace::default());
-    assert_close(&gradient, &expected[1], 1e-4, &what("weights"));
+    for method in Method::ALL {
+        let product = WeightGradient::new(geometry, level, batch).by(method);
+        let mut gradient = vec![f32::NAN; weights.len()];
+        product.run(&large, &small, &mut gradient, &mut GradientWorkspace::default());
+        assert_close(&gradient, &expected[1], 1e-4, &format!("{:?} {}", product.method(), what("weights")));
+    }
 }
 
 /// The geometry of a convolution as the networks pad it.
@@ -171,8 +173,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
             let mut output = vec![0.0; small.len()];
             correlation.run(&large, &packed, Epilogue::default(), &mut output, &mut Workspace::default());
             let mut gradient = vec![0.0; geometry.weights()];
-            let workspace = &mut GradientWorkspace::default();
-            weight_gradient(&geometry, Level::default(), &large, &small, &mut gradient, workspace);
+            let product = WeightGradient::new(&geometry, Level::default(), 2).by(method);
+            product.run(&large, &small, &mut gradient, &mut GradientWorkspace::default());
             (output, gradient)
         })
     };

@@ -85,6 +85,26 @@ pub fn multiply<S: Simd, const M: usize, const N: usize>(
     sums
 }
 
+/// As [`multiply`], with `stride` numbers from the weights of a channel to those of the next, and added to sums that
+/// are passed by value because they are to stay in registers.
+#[inline(always)]
+pub fn add_product<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    before: Sums<S, M, N>,
+    source: &[f32],
+    weights: &[f32],
+    stride: usize,
+) -> Sums<S, M, N> {
+    let mut sums = before;
+    for (channel, weights) in source.chunks_exact(N * S::F32_LANES).zip(weights.chunks(stride)) {
+        if let Some(weights) = weights.first_chunk::<M>() {
+            let pixels = load(simd, channel, 0);
+            add_products(simd, &mut sums, weights, pixels);
+        }
+    }
+    sums
+}
+
 /// A rectangle of pixels whose channels lie side by side.
 #[derive(Clone, Copy)]
 pub struct Lines {

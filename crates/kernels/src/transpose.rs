@@ -1,24 +1,33 @@
 //! Matrices turned over.
 
-/// Rows and columns that are turned over at once, so that whole cache lines are used while they are near.
+/// Rows and columns that are turned over at once, in registers.
 const BLOCK: usize = 8;
+/// Columns whose rows are all turned over before the next ones: those of whole cache lines, which are then read once.
+const STRIP: usize = 16;
 
 /// `to[column * to_stride + row] = from[row * from_stride + column]` for `rows` rows of `columns` numbers.
 pub fn transpose(from: &[f32], from_stride: usize, [rows, columns]: [usize; 2], to: &mut [f32], to_stride: usize) {
-    for row in (0..rows).step_by(BLOCK) {
-        let height = BLOCK.min(rows - row);
-        for column in (0..columns).step_by(BLOCK) {
-            let width = BLOCK.min(columns - column);
-            let from = &from[row * from_stride + column..];
-            let to = &mut to[column * to_stride + row..];
-            if height == BLOCK && width == BLOCK {
-                whole_block(from, from_stride, to, to_stride);
-            } else {
-                for (row, column) in (0..height * width).map(|index| (index / width, index % width)) {
-                    to[column * to_stride + row] = from[row * from_stride + column];
-                }
+    for strip in (0..columns).step_by(STRIP) {
+        let strip = strip..(strip + STRIP).min(columns);
+        for row in (0..rows).step_by(BLOCK) {
+            let height = BLOCK.min(rows - row);
+            for column in strip.clone().step_by(BLOCK) {
+                let width = BLOCK.min(strip.end - column);
+                let from = &from[row * from_stride + column..];
+                let to = &mut to[column * to_stride + row..];
+                block(from, from_stride, [height, width], to, to_stride);
             }
         }
+    }
+}
+
+#[inline]
+fn block(from: &[f32], from_stride: usize, [height, width]: [usize; 2], to: &mut [f32], to_stride: usize) {
+    if height == BLOCK && width == BLOCK {
+        return whole_block(from, from_stride, to, to_stride);
+    }
+    for (row, column) in (0..height * width).map(|index| (index / width, index % width)) {
+        to[column * to_stride + row] = from[row * from_stride + column];
     }
 }
 

@@ -1,349 +1,83 @@
 //! The gradient of a convolution's weights.
 //!
-//! `d weights[o][i][ky][kx] = sum_{batch, y, x} d small[o][y][x] * large[i][s y + ky - before_y][s x + kx - before_x]`.
+//! `d weights[o][i][ky][kx] = sum_{batch, y, x} d small[o][y][x] * large[i][s y + ky - before_y][s x + kx - before_x]`,
 //!
-//! With the channels of the large picture side by side, the numbers that belong to all channels and all columns of a
-//! row of the kernel lie in one run. A tile multiplies a vector of that run by single gradients of several output
-//! channels and keeps the sums over a window of pixels in registers; the panels of a piece of work read the same
-//! window one after the other, while it is in the second level cache.
+//! either product by product (`direct.rs`) or by Winograd's filtering (`winograd.rs`), whichever is estimated to take
+//! less time. Both have the channels of the pictures side by side (`interleaved.rs`), because vectors run over
+//! channels.
 
+mod direct;
+mod interleaved;
+mod winograd;
+
+use crate::correlation::Method;
 use crate::geometry::Geometry;
 use crate::level::Level;
-use crate::memory::at_least;
-use crate::tile::{self, Lines, MAX_CHANNELS, MAX_PIXELS};
-use crate::transpose::transpose;
-use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
-use std::cell::Cell;
-use std::ops::Range;
-
-/// Vectors may be read this far beyond the last pixel.
-const SLACK: usize = 256;
-/// Pixels of a window, about: by measurement; more leave the second level cache, fewer spend their time on adding sums.
-const WINDOW: usize = 1024;
-/// Up to this many weights, pieces of the batch are summed apart and then together; beyond, panels are the pieces.
-const FEW_WEIGHTS: usize = 128 * 1024;
-/// Panels that read the same pixels one after the other, where panels are the pieces.
-const PANELS_PER_TASK: usize = 4;
-/// Pieces of the batch to aim at.
-const PIECES: usize = 16;
 
 /// Memory that is used again from call to call.
 #[derive(Clone, Debug, Default)]
 pub struct GradientWorkspace {
-    lines: Vec<f32>,
+    large: Vec<f32>,
+    small: Vec<f32>,
     sums: Vec<f32>,
 }
 
-/// The gradient of the weights, `[small channels, large channels, kernel, kernel]`.
-///
-/// # Shapes
-/// - `large`: `[batch, large channels, height, width]`, the picture on the large side
-/// - `small`: `[batch, small channels, height, width]`, the one on the small side; either may be the gradient
-/// - `weights`: all of it is written
-///
-/// # Panics
-/// If lengths do not fit the geometry.
-pub fn weight_gradient(
-    geometry: &Geometry,
+/// The gradient of the weights of a convolution, prepared for its sizes.
+#[derive(Clone, Debug)]
+pub struct WeightGradient {
+    geometry: Geometry,
     level: Level,
-    large: &[f32],
-    small: &[f32],
-    weights: &mut [f32],
-    workspace: &mut GradientWorkspace,
-) {
-    let batch = small.len() / (geometry.small_channels * geometry.small_area()).max(1);
-    assert_eq!(small.len(), batch * geometry.small_channels * geometry.small_area(), "small of {geometry:?}");
-    assert_eq!(large.len(), batch * geometry.large_channels * geometry.large_area(), "large of {geometry:?}");
-    assert_eq!(weights.len(), geometry.weights(), "weights of {geometry:?}");
-    let interleaved = Interleaved::new(geometry);
-    let lines = interleaved.fill(geometry, large, &mut workspace.lines);
-    let work = Work { geometry, interleaved, level, lines, small };
-    if geometry.weights() > FEW_WEIGHTS {
-        work.by_panels(batch, weights);
-    } else {
-        work.by_pieces(batch, weights, &mut workspace.sums);
-    }
+    batch: usize,
+    winograd: Option<winograd::Plan>,
+    method: Method,
 }
 
-/// The large pictures with zeros around them and their channels side by side.
-#[derive(Clone, Copy)]
-struct Interleaved {
-    rows: usize,
-    column_stride: usize,
-    row_stride: usize,
-}
-
-impl Interleaved {
-    fn new(geometry: &Geometry) -> Self {
-        let extent = |axis: usize| (geometry.small[axis] - 1) * geometry.stride + geometry.kernel;
-        let channels = geometry.large_channels;
-        // Pixels a multiple of a kilobyte apart would all fall into a few sets of the cache.
-        let column_stride = if channels.is_multiple_of(256) { channels + 16 } else { channels };
-        Self { rows: extent(0), column_stride, row_stride: extent(1) * column_stride }
-    }
-
-    fn fill<'a>(&self, geometry: &Geometry, large: &[f32], lines: &'a mut Vec<f32>) -> &'a [f32] {
-        let [height, width] = geometry.large;
-        let channels = geometry.large_channels;
-        let batch = large.len() / (channels * height * width).max(1);
-        let lines = at_least(lines, batch * self.rows * self.row_stride + SLACK);
-        let rows = lines.par_chunks_mut(self.row_stride).take(batch * self.rows).enumerate();
-        rows.with_min_len((1 << 13) / self.row_stride + 1).for_each(|(index, line)| {
-            let (picture, row) = (index / self.rows, index % self.rows);
-            let y = row.checked_sub(geometry.before[0]).filter(|y| *y < height);
-            let Some(y) = y else {
-                line.fill(0.0);
-                return;
-            };
-            let start = (geometry.before[1] * self.column_stride).min(self.row_stride);
-            let count = width.min((self.row_stride - start) / self.column_stride);
-            let (inside, after) = line[start..].split_at_mut(count * self.column_stride);
-            after.fill(0.0);
-            let pixels = &large[(picture * channels * height + y) * width..];
-            transpose(pixels, height * width, [channels, count], inside, self.column_stride);
-            line[..start].fill(0.0);
-        });
-        lines
-    }
-}
-
-/// Rows of one picture.
-#[derive(Clone)]
-struct Piece {
-    picture: usize,
-    rows: Range<usize>,
-}
-
-struct Work<'a> {
-    geometry: &'a Geometry,
-    interleaved: Interleaved,
-    level: Level,
-    lines: &'a [f32],
-    small: &'a [f32],
-}
-
-thread_local!(
-    /// Memory of a thread that is used again: sums, and gradients of a window.
-    static SCRATCH: Cell<[Vec<f32>; 2]> = const { Cell::new([Vec::new(), Vec::new()]) }
-);
-
-impl Work<'_> {
-    /// Every task sums some output channels over the whole batch.
-    fn by_panels(&self, batch: usize, weights: &mut [f32]) {
-        let width = PANELS_PER_TASK * self.level.panel_widths()[0];
-        let all = (0..batch).map(|picture| Piece { picture, rows: 0..self.geometry.small[0] });
-        let windows = self.windows(&all.collect::<Vec<_>>());
-        let of_a_channel = self.geometry.large_channels * self.geometry.taps();
-        weights.par_chunks_mut(width * of_a_channel).enumerate().for_each(|(task, weights)| {
-            let channels = task * width..((task + 1) * width).min(self.geometry.small_channels);
-            let [mut memory, mut gradients] = SCRATCH.take();
-            let sums = at_least(&mut memory, channels.len() * self.sums_of_a_channel());
-            self.add(&windows, channels, sums, &mut gradients);
-            let pairs = weights.chunks_exact_mut(of_a_channel).zip(sums.chunks_exact(self.sums_of_a_channel()));
-            pairs.for_each(|(weights, sums)| self.ordered(sums, weights));
-            SCRATCH.set([memory, gradients]);
-        });
-    }
-
-    /// Every task sums all output channels over a piece of the batch; then the pieces are added up, in their order.
-    fn by_pieces(&self, batch: usize, weights: &mut [f32], memory: &mut Vec<f32>) {
-        let (pieces, channels) = (self.pieces(batch), self.geometry.small_channels);
-        let of_a_piece = channels * self.sums_of_a_channel();
-        let sums = at_least(memory, pieces.len() * of_a_piece);
-        sums.par_chunks_mut(of_a_piece).zip(&pieces).for_each(|(sums, piece)| {
-            let [memory, mut gradients] = SCRATCH.take();
-            self.add(&self.windows(std::slice::from_ref(piece)), 0..channels, sums, &mut gradients);
-            SCRATCH.set([memory, gradients]);
-        });
-        let of_a_channel = self.sums_of_a_channel();
-        let weights = weights.par_chunks_mut(self.geometry.large_channels * self.geometry.taps());
-        weights.enumerate().for_each(|(channel, weights)| {
-            let mut parts = sums.chunks_exact(of_a_piece).map(|sums| &sums[channel * of_a_channel..][..of_a_channel]);
-            let mut total = parts.next().unwrap_or_default().to_vec();
-            for part in parts {
-                total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
-            }
-            self.ordered(&total, weights);
-        });
-    }
-
-    /// Numbers in the sums of an output channel, `[kernel row][kernel column][large channel]`.
-    fn sums_of_a_channel(&self) -> usize {
-        self.geometry.taps() * self.interleaved.column_stride
-    }
-
-    /// Brings the sums of an output channel into the order of the weights.
-    fn ordered(&self, sums: &[f32], weights: &mut [f32]) {
-        let (taps, channels) = (self.geometry.taps(), self.geometry.large_channels);
-        transpose(sums, self.interleaved.column_stride, [taps, channels], weights, taps);
-    }
-
-    /// How the batch is cut, which depends on sizes alone.
-    fn pieces(&self, batch: usize) -> Vec<Piece> {
-        let rows = self.geometry.small[0];
-        let step = rows.div_ceil(PIECES.div_ceil(batch.max(1)));
-        let pieces = |picture: usize| {
-            (0..rows).step_by(step).map(move |row| Piece { picture, rows: row..(row + step).min(rows) })
-        };
-        (0..batch).flat_map(pieces).collect()
-    }
-
-    /// Writes the sums over `windows` for some output channels.
-    fn add(&self, windows: &[Vec<Piece>], channels: Range<usize>, sums: &mut [f32], gradients: &mut Vec<f32>) {
-        sums.fill(0.0);
-        for window in windows {
-            for (panels, width) in self.panels(channels.clone()) {
-                let pixels = self.gather(window, panels.clone(), width, gradients);
-                let first = (panels.start - channels.start) * self.sums_of_a_channel();
-                let sums = &mut sums[first..][..panels.len() * self.sums_of_a_channel()];
-                self.level.run(Panels { work: self, window, width, pixels, gradients, sums });
+impl WeightGradient {
+    /// For batches of `batch` pictures.
+    pub fn new(geometry: &Geometry, level: Level, batch: usize) -> Self {
+        let direct = Self { geometry: *geometry, level, batch, winograd: None, method: Method::Direct };
+        let mut least = direct::cost(geometry, batch, level);
+        let mut fastest = direct.clone();
+        for method in [Method::Winograd6, Method::Winograd8] {
+            let other = direct.clone().by(method);
+            let cost = other.winograd.as_ref().map_or(f64::INFINITY, |plan| plan.cost(geometry));
+            if cost < least {
+                (least, fastest) = (cost, other);
             }
         }
+        fastest
     }
 
-    /// What is gone through at a time: rows of one picture, or several small pictures.
-    fn windows(&self, pieces: &[Piece]) -> Vec<Vec<Piece>> {
-        let columns = self.geometry.small[1];
-        let mut windows: Vec<Vec<Piece>> = Vec::new();
-        let mut room = 0;
-        for Piece { picture, rows } in pieces {
-            let mut rows = rows.clone();
-            while !rows.is_empty() {
-                if room == 0 {
-                    windows.push(Vec::new());
-                    room = WINDOW.div_ceil(columns);
-                }
-                let end = (rows.start + room).min(rows.end);
-                room -= end - rows.start;
-                if let Some(window) = windows.last_mut() {
-                    window.push(Piece { picture: *picture, rows: rows.start..end });
-                }
-                rows.start = end;
-            }
+    /// The same by another method; product by product where tiles are too small for the kernel.
+    #[must_use]
+    pub fn by(self, method: Method) -> Self {
+        let winograd = winograd::Plan::new(&self.geometry, method, self.level, self.batch);
+        let method = if winograd.is_some() { method } else { Method::Direct };
+        Self { winograd, method, ..self }
+    }
+
+    /// How it is computed.
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
+    /// Computes the gradient of the weights, `[small channels, large channels, kernel, kernel]`.
+    ///
+    /// # Shapes
+    /// - `large`: `[batch, large channels, height, width]`, the picture on the large side
+    /// - `small`: `[batch, small channels, height, width]`, the one on the small side; either may be the gradient
+    /// - `weights`: all of it is written
+    ///
+    /// # Panics
+    /// If lengths do not fit the geometry and the batch.
+    pub fn run(&self, large: &[f32], small: &[f32], weights: &mut [f32], workspace: &mut GradientWorkspace) {
+        let Self { geometry, level, batch, .. } = self;
+        assert_eq!(small.len(), batch * geometry.small_channels * geometry.small_area(), "small of {geometry:?}");
+        assert_eq!(large.len(), batch * geometry.large_channels * geometry.large_area(), "large of {geometry:?}");
+        assert_eq!(weights.len(), geometry.weights(), "weights of {geometry:?}");
+        match &self.winograd {
+            Some(plan) => plan.run(geometry, [large, small], weights, workspace),
+            None => direct::run(geometry, *level, [large, small], weights, workspace),
         }
-        windows
-    }
-
-    /// Output channels in panels of the widest width, and what is left in a narrower one.
-    fn panels(&self, channels: Range<usize>) -> Vec<(Range<usize>, usize)> {
-        let widths = self.level.panel_widths();
-        let whole = channels.start + channels.len() / widths[0] * widths[0];
-        let left = channels.end - whole;
-        let narrow = *widths.iter().rev().find(|width| **width >= left).unwrap_or(&widths[0]);
-        let parts = [(channels.start..whole, widths[0]), (whole..channels.end, narrow)];
-        parts.into_iter().filter(|(channels, _)| !channels.is_empty()).collect()
-    }
-
-    /// Gradients of panels, `[panel][pixel][channel]`, zero beyond the last channel; returns the number of pixels.
-    fn gather(&self, window: &[Piece], panels: Range<usize>, width: usize, gradients: &mut Vec<f32>) -> usize {
-        let [height, columns] = self.geometry.small;
-        let pixels: usize = window.iter().map(|piece| piece.rows.len() * columns).sum();
-        gradients.clear();
-        gradients.resize(panels.len().div_ceil(width) * width * pixels, 0.0);
-        for (panel, places) in gradients.chunks_exact_mut(width * pixels).enumerate() {
-            let first = panels.start + panel * width;
-            let channels = width.min(panels.end - first);
-            let mut done = 0;
-            for piece in window {
-                let count = piece.rows.len() * columns;
-                let plane = (piece.picture * self.geometry.small_channels + first) * height + piece.rows.start;
-                let places = &mut places[done * width..][..count * width];
-                transpose(&self.small[plane * columns..], height * columns, [channels, count], places, width);
-                done += count;
-            }
-        }
-        pixels
-    }
-}
-
-/// Panels of output channels over a window, to be done with the widest vectors.
-struct Panels<'a> {
-    work: &'a Work<'a>,
-    window: &'a [Piece],
-    width: usize,
-    pixels: usize,
-    gradients: &'a [f32],
-    sums: &'a mut [f32],
-}
-
-impl WithSimd for Panels<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
-        match (self.width, S::F32_LANES) {
-            (8, _) => self.run::<S, 8, 3>(simd),
-            (4, 8) => self.run::<S, 4, 3>(simd),
-            (4, _) => self.run::<S, 4, 6>(simd),
-            _ => self.run::<S, 1, 8>(simd),
-        }
-    }
-}
-
-impl Panels<'_> {
-    /// Panels innermost: they all read the same pixels.
-    #[inline(always)]
-    fn run<S: Simd, const M: usize, const N: usize>(&mut self, simd: S) {
-        let run = self.work.geometry.kernel * self.work.interleaved.column_stride;
-        for kernel_row in 0..self.work.geometry.kernel {
-            let mut place = 0;
-            while place < run {
-                place += match (run - place).div_ceil(S::F32_LANES) {
-                    1 => self.column::<S, M, 1>(simd, kernel_row, place, run),
-                    // Two and two: a single vector has too few sums for a load to pay off.
-                    vectors if vectors >= N && vectors != 4 => self.column::<S, M, N>(simd, kernel_row, place, run),
-                    _ => self.column::<S, M, 2>(simd, kernel_row, place, run),
-                };
-            }
-        }
-    }
-
-    /// `N` vectors of weights of all panels; returns how many numbers that is.
-    #[inline(always)]
-    fn column<S: Simd, const M: usize, const N: usize>(
-        &mut self,
-        simd: S,
-        kernel_row: usize,
-        place: usize,
-        run: usize,
-    ) -> usize {
-        let mut scratch = [[0.0; MAX_PIXELS]; MAX_CHANNELS];
-        let count = (N * S::F32_LANES).min(run - place);
-        let panels =
-            self.sums.chunks_mut(M * self.work.sums_of_a_channel()).zip(self.gradients.chunks_exact(M * self.pixels));
-        for (sums, gradients) in panels {
-            let (mut gradients, _) = gradients.as_chunks::<M>();
-            let mut added = tile::zero::<S, M, N>(simd);
-            for piece in self.window {
-                let (of_piece, rest) = gradients.split_at(piece.rows.len() * self.work.geometry.small[1]);
-                let (source, lines) = self.work.lines(piece, kernel_row, place);
-                added = tile::add_outer::<S, M, N>(simd, added, source, lines, of_piece);
-                gradients = rest;
-            }
-            let channels = sums.chunks_exact_mut(self.work.sums_of_a_channel());
-            for ((channel, added), line) in channels.zip(&added).zip(&mut scratch) {
-                let (vectors, _) = S::as_mut_simd_f32s(&mut line[..N * S::F32_LANES]);
-                vectors.copy_from_slice(added);
-                let sums = &mut channel[kernel_row * run + place..][..count];
-                sums.iter_mut().zip(&line[..count]).for_each(|(sum, added)| *sum += added);
-            }
-        }
-        N * S::F32_LANES
-    }
-}
-
-impl Work<'_> {
-    /// The pixels that a row of the kernel sees from a piece of the small picture, beginning at a place of its run.
-    fn lines(&self, piece: &Piece, kernel_row: usize, place: usize) -> (&[f32], Lines) {
-        let Work { geometry, interleaved, lines, .. } = self;
-        let row = piece.picture * interleaved.rows + piece.rows.start * geometry.stride + kernel_row;
-        let shape = Lines {
-            rows: piece.rows.len(),
-            columns: geometry.small[1],
-            row_stride: interleaved.row_stride * geometry.stride,
-            column_stride: interleaved.column_stride * geometry.stride,
-        };
-        (&lines[row * interleaved.row_stride + place..], shape)
     }
 }

@@ -15,10 +15,8 @@ use crate::layers::{crop, spatial_size};
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::{Conv2d, ConvTranspose2d};
 use burn::tensor::activation::{relu, sigmoid};
-use burn::tensor::module::interpolate;
-use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
-use burn::tensor::{DType, Tensor};
-use endoscape_kernels::Geometry;
+use burn::tensor::{DType, Tensor, TensorData};
+use endoscape_kernels::{Geometry, interpolation};
 
 /// What follows a convolution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,11 +90,14 @@ pub(crate) fn upsample(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
     unary::doubled(&picture, size).unwrap_or_else(|| upsample_reference(picture, size))
 }
 
+/// As products of matrices, because Burn's interpolation has no gradient on GPUs.
 fn upsample_reference(picture: Tensor<4>, size: [usize; 2]) -> Tensor<4> {
-    let options = InterpolateOptions::new(InterpolateMode::Bilinear)
-        .with_align_corners(false)
-        .with_output_size(spatial_size(&picture).map(|length| 2 * length));
-    crop(interpolate(picture, options), size)
+    let from = spatial_size(&picture);
+    let [rows, columns] = [0, 1].map(|axis| {
+        let weights = TensorData::new(interpolation(from[axis], size[axis], 2.0), [1, 1, size[axis], from[axis]]);
+        Tensor::<4>::from_data(weights, (&picture.device(), picture.dtype()))
+    });
+    rows.matmul(picture).matmul(columns.transpose())
 }
 
 fn activate(features: Tensor<4>, activation: Activation) -> Tensor<4> {

@@ -1,9 +1,9 @@
 //! Scales of a picture.
 
-use burn::tensor::Tensor;
-use burn::tensor::module::{adaptive_avg_pool2d, interpolate};
-use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
+use burn::tensor::module::adaptive_avg_pool2d;
+use burn::tensor::{Tensor, TensorData};
 use endoscape_core::Size;
+use endoscape_kernels::interpolation;
 
 /// Sizes of `count` scales, finest first, each half the one before, rounded up as convolutions of stride 2 do.
 pub fn sizes(full: Size, count: usize) -> Vec<Size> {
@@ -44,6 +44,10 @@ pub fn enlarge(map: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4> {
     if [rows, columns] == [height, width] {
         return map;
     }
-    let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
-    interpolate(map, options.with_output_size([height, width]))
+    // As products of matrices, because Burn's interpolation has no gradient on GPUs.
+    let [down, across] = [(rows, height), (columns, width)].map(|(from, to)| {
+        let weights = TensorData::new(interpolation(from, to, to as f64 / from as f64), [1, 1, to, from]);
+        Tensor::<4>::from_data(weights, (&map.device(), map.dtype()))
+    });
+    down.matmul(map).matmul(across.transpose())
 }

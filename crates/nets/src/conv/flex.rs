@@ -9,7 +9,7 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::{Autodiff, Flex};
 use burn::tensor::{DType, Tensor};
 use endoscape_kernels::{Correlation, Epilogue, Geometry, Level};
-use endoscape_kernels::{awake, bias_gradient, relu_bias_gradient, weight_gradient};
+use endoscape_kernels::{WeightGradient, awake, bias_gradient, relu_bias_gradient};
 
 /// Which picture of a [`Geometry`] is made from the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -130,10 +130,9 @@ impl Product {
             Direction::ToLarge => [gradient, input],
         };
         let mut weights = unused([small_channels, large_channels, kernel, kernel]);
-        with_memory(|memory| {
-            let workspace = &mut memory.gradients;
-            weight_gradient(&self.geometry, Level::default(), large, small, weights.storage_mut(), workspace);
-        });
+        let batch = small.len() / (small_channels * self.geometry.small_area());
+        let product = WeightGradient::new(&self.geometry, Level::default(), batch);
+        with_memory(|memory| product.run(large, small, weights.storage_mut(), &mut memory.gradients));
         weights
     }
 

@@ -7,7 +7,7 @@ use burn::backend::flex::FlexTensor;
 use burn::backend::{Flex, TensorMetadata};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Shape, Tensor, TensorData};
-use endoscape_kernels::weight_gradient::GradientWorkspace;
+use endoscape_kernels::GradientWorkspace;
 use endoscape_kernels::{PackedWeights, Workspace};
 use std::borrow::Cow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
