@@ -140,8 +140,8 @@ impl Filter {
     }
 
     /// Learns from a fix that is believed whatever the state is.
-    pub fn take_magnet(&mut self, fix: &MagnetFix) -> bool {
-        self.update(f64::INFINITY, &fix.covariance, |filter| filter.magnet_residual(fix))
+    pub fn take_magnet(&mut self, fix: &MagnetFix) {
+        self.update(f64::INFINITY, &fix.covariance, |filter| filter.magnet_residual(fix));
     }
 
     /// Learns from a motion; `false` where it contradicts the state, which then stays.

@@ -9,8 +9,7 @@
 //! scale found so far; without vision place and heading are followed and the roll is kept. While roll or scale is
 //! unknown (at the start, after a long time without vision, after a jump) vision's motions are not filtered but gathered
 //! in a window until path and heading show where they belong; the frames before are then told anew
-//! ([`Odometry::revisions`]). Readings and frames come in any order of time and at any
-//! rates. Equations: docs/math.md, "Fusion".
+//! ([`Odometry::revisions`]). Readings and frames come in any order of time and at any rates. Equations: docs/math.md, "Fusion".
 //!
 //! Invariants: every observation yields a [`Tracked`]; poses are in the world of
 //! [`MagneticRig::world_from_array`], in metres; memory is bounded by [`FusedConfig::window`] sightings.
@@ -79,7 +78,7 @@ pub struct Fused {
     picture: Option<Arc<Image>>,
     /// The last fix since the last frame.
     latest_fix: Option<MagnetFix>,
-    /// What was said at the last frames.
+    /// What was said at the last frames since roll and scale were found.
     trail: VecDeque<Moment>,
     /// What the last observation says of earlier frames.
     revisions: Vec<TimedPose>,
@@ -303,7 +302,8 @@ impl Fused {
         let rotation = found.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max();
         if rotation < known * known && found.covariance[(6, 6)] < KNOWN_LOG_SCALE * KNOWN_LOG_SCALE {
             *filter = Filter::new(filter.time_s, found.world_from_camera, found.log_scale, &found.covariance);
-            self.revisions = retrace::retraced(self.trail.iter(), filter, &self.config);
+            self.revisions = retrace::retraced(&self.trail, filter, &self.config);
+            self.trail.clear();
             self.is_aligned = true;
             self.refused = Refused::default();
             self.window.clear();

@@ -8,6 +8,7 @@
 use super::FusedConfig;
 use super::filter::{Filter, MagnetFix};
 use endoscape_core::{Pose, TimedPose};
+use std::collections::VecDeque;
 
 /// A motion vision saw, in its own unit.
 #[derive(Clone, Copy, Debug)]
@@ -49,12 +50,8 @@ pub struct Moment {
 }
 
 /// Poses of the frames before the newest of `moments`, the latest first, from the filter at that newest one.
-pub fn retraced<'a>(
-    moments: impl DoubleEndedIterator<Item = &'a Moment>,
-    filter: &Filter,
-    config: &FusedConfig,
-) -> Vec<TimedPose> {
-    let mut moments = moments.rev();
+pub fn retraced(moments: &VecDeque<Moment>, filter: &Filter, config: &FusedConfig) -> Vec<TimedPose> {
+    let mut moments = moments.iter().rev();
     let Some(newest) = moments.next() else { return Vec::new() };
     let mut back = Backwards { filter: filter.starting_at(-newest.time_s), pending: None, config };
     back.leave(newest);
