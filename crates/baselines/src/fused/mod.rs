@@ -9,7 +9,8 @@
 //! scale found so far; without vision place and heading are followed and the roll is kept. While roll or scale is
 //! unknown (at the start, after a long time without vision, after a jump) vision's motions are not filtered but gathered
 //! in a window until path and heading show where they belong; the frames before are then told anew
-//! ([`Odometry::revisions`]). Readings and frames come in any order of time and at any rates. Equations: docs/math.md, "Fusion".
+//! ([`Odometry::revisions`]). Readings and frames come in any order of time and at any rates.
+//! Equations: docs/math.md, "Fusion".
 //!
 //! Invariants: every observation yields a [`Tracked`]; poses are in the world of
 //! [`MagneticRig::world_from_array`], in metres; memory is bounded by [`FusedConfig::window`] sightings.
