@@ -1,6 +1,6 @@
 //! The two sockets every method plugs into.
 
-use crate::{DepthMap, Frame, Grid, Observation, Pose};
+use crate::{DepthMap, Frame, Grid, Observation, Pose, TimedPose};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -56,6 +56,12 @@ pub trait Odometry {
     /// # Errors
     /// [`TrackError`] when the method cannot continue at all.
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError>;
+
+    /// What the last [`Odometry::track`] says of earlier observations, by their times: poses that replace those told
+    /// before. Empty where the method never looks back.
+    fn revisions(&self) -> &[TimedPose] {
+        &[]
+    }
 
     /// How long each stage of the last [`Odometry::track`] took, in order; empty where the method does not measure.
     fn stage_times(&self) -> &[(&'static str, Duration)] {

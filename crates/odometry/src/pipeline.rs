@@ -42,6 +42,9 @@ pub trait StepSink {
     /// # Errors
     /// [`OdometryError::Output`] if it cannot be written.
     fn step(&mut self, step: &Step) -> Result<(), OdometryError>;
+
+    /// Takes poses that replace those of earlier answers, by their times ([`Odometry::revisions`]).
+    fn revise(&mut self, revisions: &[TimedPose]);
 }
 
 /// What to run on.
@@ -242,6 +245,7 @@ impl<'a> Answers<'a> {
         for (stage, duration) in odometry.stage_times() {
             self.account.latency.add(stage, *duration);
         }
+        self.sink.revise(odometry.revisions());
         self.answer(which, tracked, latency)
     }
 

@@ -3,6 +3,7 @@
 //! ```text
 //! trajectory.tum     time tx ty tz qx qy qz qw, world_from_camera, one line per frame
 //! trajectory.kitti   the same without times, 12 numbers per line
+//! live.tum           the poses as they were told at their time, where later frames have revised some
 //! frames.csv         index,time_s,tracked,confidence,latency_ms,warning
 //! depth/             NNNNNN.png (16 bits, 0 is unknown) or NNNNNN.npy (f32), named by the numbers of the frames
 //! reliability/       NNNNNN.png (8 bits, white is reliable), where the method says it
@@ -13,9 +14,10 @@
 
 use crate::OdometryError;
 use crate::pipeline::{Step, StepSink};
-use endoscape_core::{DepthMap, Grid, Size, trajectory};
+use endoscape_core::{DepthMap, Grid, Pose, Size, TimedPose, trajectory};
 use endoscape_frames::picture;
 use serde::Serialize;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -205,6 +207,8 @@ pub struct RunWriter {
     frames: csv::Writer<BufWriter<File>>,
     depth: DepthWriter,
     has_reliability: bool,
+    /// Poses that replace those written, by the bits of their times.
+    revised: HashMap<u64, Pose>,
 }
 
 impl RunWriter {
@@ -223,6 +227,7 @@ impl RunWriter {
             frames: csv::Writer::from_writer(draft.open("frames.csv")?),
             depth: DepthWriter::new(depth),
             has_reliability: false,
+            revised: HashMap::new(),
             draft,
         })
     }
@@ -240,9 +245,29 @@ impl RunWriter {
         let out = self.draft.out.clone();
         let flushed = self.tum.flush().and_then(|()| self.kitti.flush()).and_then(|()| self.frames.flush());
         flushed.map_err(|error| OdometryError::io(&out, &error))?;
+        self.put_revisions()?;
         let json = serde_json::to_vec_pretty(summary).map_err(|error| OdometryError::io(&out, &error.into()))?;
         self.draft.write("run.json", &json)?;
         self.draft.finish()
+    }
+
+    /// Puts revised poses in their places; what was told at the time stays beside them.
+    fn put_revisions(&self) -> Result<(), OdometryError> {
+        if self.revised.is_empty() {
+            return Ok(());
+        }
+        let path = self.draft.root.join("trajectory.tum");
+        let told = std::fs::read_to_string(&path).map_err(|error| OdometryError::io(&path, &error))?;
+        let unreadable = |_| OdometryError::output(&path, "was changed while it was written", "run again");
+        let mut poses = trajectory::parse_tum(&told).map_err(unreadable)?;
+        for pose in &mut poses {
+            let revised = self.revised.get(&pose.time_s.to_bits());
+            pose.world_from_camera = revised.copied().unwrap_or(pose.world_from_camera);
+        }
+        let places: Vec<Pose> = poses.iter().map(|pose| pose.world_from_camera).collect();
+        self.draft.write("live.tum", told.as_bytes())?;
+        self.draft.write("trajectory.tum", trajectory::to_tum(&poses).as_bytes())?;
+        self.draft.write("trajectory.kitti", trajectory::to_kitti(&places).as_bytes())
     }
 
     fn line(&mut self, step: &Step) -> std::io::Result<()> {
@@ -289,6 +314,10 @@ impl StepSink for RunWriter {
         }
         Ok(())
     }
+
+    fn revise(&mut self, revisions: &[TimedPose]) {
+        self.revised.extend(revisions.iter().map(|pose| (pose.time_s.to_bits(), pose.world_from_camera)));
+    }
 }
 
 /// The same error about the destination: the workshop is nothing the user knows.
@@ -311,6 +340,8 @@ fn refuse_occupied(out: &Path) -> Result<(), OdometryError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use endoscape_core::Tracked;
+    use std::time::Duration;
 
     #[test]
     fn arrays_are_what_numpy_writes() {
@@ -343,5 +374,38 @@ mod tests {
         assert!(sentence.contains("already holds something"), "{sentence}");
         let sentence = Draft::create(&folder.path().join("none/run")).unwrap_err().to_string();
         assert!(sentence.contains("check that its parent folder exists"), "{sentence}");
+    }
+
+    #[test]
+    fn revised_poses_are_written_beside_those_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("run");
+        let mut writer = RunWriter::create(&out, DepthFormat::None).unwrap();
+        let at = |frame: usize, x: f64| TimedPose {
+            time_s: frame as f64 / 30.0,
+            world_from_camera: Pose::translation(x, 0.0, 0.0),
+        };
+        for number in 0..4 {
+            let pose = at(number, 1.0);
+            let tracked = Tracked {
+                world_from_camera: Some(pose.world_from_camera),
+                confidence: 1.0,
+                depth: None,
+                reliability: None,
+                warning: None,
+            };
+            writer.step(&Step { number, pose, is_tracked: true, tracked, latency: Duration::ZERO }).unwrap();
+        }
+        writer.revise(&[at(1, 2.0), at(2, 3.0)]);
+        writer.revise(&[at(2, 4.0)]);
+        writer.finish(&()).unwrap();
+        let ways = |file: &str| -> Vec<f64> {
+            let poses = trajectory::parse_tum(&std::fs::read_to_string(out.join(file)).unwrap()).unwrap();
+            poses.iter().map(|pose| pose.world_from_camera.translation.x).collect()
+        };
+        assert_eq!(ways("trajectory.tum"), [1.0, 2.0, 4.0, 1.0]);
+        assert_eq!(ways("live.tum"), [1.0; 4]);
+        let kitti = std::fs::read_to_string(out.join("trajectory.kitti")).unwrap();
+        assert_eq!(kitti.lines().nth(2), Some("1 0 0 4 0 1 0 0 0 0 1 0"));
     }
 }

@@ -84,6 +84,11 @@ impl Filter {
         Self { time_s, world_from_camera, world_from_clone: world_from_camera, log_scale, covariance }
     }
 
+    /// The same knowledge at another time.
+    pub fn starting_at(&self, time_s: f64) -> Self {
+        Self { time_s, ..self.clone() }
+    }
+
     /// Covariance of the pose's error twist.
     pub fn pose_covariance(&self) -> Matrix6<f64> {
         self.covariance.fixed_view::<6, 6>(0, 0).into_owned()
@@ -131,7 +136,12 @@ impl Filter {
 
     /// Learns from the magnet; `false` where it contradicts the state, which then stays.
     pub fn see_magnet(&mut self, fix: &MagnetFix) -> bool {
-        self.update(&fix.covariance, |filter| filter.magnet_residual(fix))
+        self.update(GATE, &fix.covariance, |filter| filter.magnet_residual(fix))
+    }
+
+    /// Learns from a fix that is believed whatever the state is.
+    pub fn take_magnet(&mut self, fix: &MagnetFix) {
+        self.update(f64::INFINITY, &fix.covariance, |filter| filter.magnet_residual(fix));
     }
 
     /// Learns from a motion; `false` where it contradicts the state, which then stays.
@@ -141,13 +151,23 @@ impl Filter {
             noise[(axis, axis)] = step.translation_sigma_m.powi(2);
             noise[(3 + axis, 3 + axis)] = step.rotation_sigma_rad.powi(2);
         }
-        self.update(&noise, |filter| filter.motion_residual(&step.motion))
+        self.update(GATE, &noise, |filter| filter.motion_residual(&step.motion))
+    }
+
+    /// Learns from a motion, or from its rotation alone where the whole contradicts the state; `false` in that case. A
+    /// wall that moves deceives vision about the way, hardly about the turn.
+    pub fn follow(&mut self, step: &VisualStep) -> bool {
+        let agrees = self.see_motion(step);
+        if !agrees {
+            self.see_turn(step);
+        }
+        agrees
     }
 
     /// Learns from a motion's rotation alone; `false` where it contradicts the state, which then stays.
     pub fn see_turn(&mut self, step: &VisualStep) -> bool {
         let noise = Matrix3::from_diagonal_element(step.rotation_sigma_rad.powi(2));
-        self.update(&noise, |filter| {
+        self.update(GATE, &noise, |filter| {
             let (off, derivative) = filter.motion_residual(&step.motion);
             (off.fixed_rows::<3>(3).into_owned(), derivative.fixed_rows::<3>(3).into_owned())
         })
@@ -195,9 +215,10 @@ impl Filter {
         (SVector::from([off.x, off.y, off.z, turn.x, turn.y, turn.z]), derivative)
     }
 
-    /// The iterated Kalman update (B. Bell and F. Cathey, IEEE TAC 1993).
+    /// The iterated Kalman update (B. Bell and F. Cathey, IEEE TAC 1993), refused where chi-squared exceeds `gate`.
     fn update<const M: usize>(
         &mut self,
+        gate: f64,
         noise: &SMatrix<f64, M, M>,
         residual: impl Fn(&Self) -> (SVector<f64, M>, SMatrix<f64, M, STATES>),
     ) -> bool {
@@ -208,7 +229,7 @@ impl Filter {
             let (off, derivative) = residual(self);
             let innovation = derivative * prior.covariance * derivative.transpose() + noise;
             let Some(inverse) = innovation.try_inverse() else { break };
-            let unlikely = iteration == 0 && off.dot(&(inverse * off)) > GATE;
+            let unlikely = iteration == 0 && off.dot(&(inverse * off)) > gate;
             if unlikely || !off.iter().all(|value| value.is_finite()) {
                 *self = prior;
                 return false;

@@ -8,26 +8,33 @@
 //! Each side's dropout costs what only that side knows: without the array the path goes on with vision's motions at the
 //! scale found so far; without vision place and heading are followed and the roll is kept. While roll or scale is
 //! unknown (at the start, after a long time without vision, after a jump) vision's motions are not filtered but gathered
-//! in a window until path and heading show where they belong. Readings and frames come in any order of time and at any
-//! rates. Equations: docs/math.md, "Fusion".
+//! in a window until path and heading show where they belong; the frames before are then told anew
+//! ([`Odometry::revisions`]). Readings and frames come in any order of time and at any rates.
+//! Equations: docs/math.md, "Fusion".
 //!
 //! Invariants: every observation yields a [`Tracked`]; poses are in the world of
 //! [`MagneticRig::world_from_array`], in metres; memory is bounded by [`FusedConfig::window`] sightings.
 
+mod config;
 mod filter;
 mod recorded;
+mod retrace;
 mod window;
 
+pub use config::FusedConfig;
 pub use recorded::Recorded;
 
+use crate::BaselineError;
 use crate::magnetic::Magnetic;
-use crate::{BaselineError, MagneticConfig};
 use endoscape_core::magnetic::MagneticRig;
-use endoscape_core::{DepthMap, Frame, MagneticReading, Observation, Odometry, Pose, TrackError, Tracked, se3};
-use filter::{Filter, MagnetFix, VisualStep, Walk};
+use endoscape_core::{
+    DepthMap, Frame, Image, MagneticReading, Observation, Odometry, Pose, TimedPose, TrackError, Tracked, se3,
+};
+use filter::{Filter, MagnetFix};
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3};
-use serde::{Deserialize, Serialize};
+use retrace::{Moment, Motion, Sight};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 use window::{Drift, Mount, Sighting};
 
@@ -51,90 +58,8 @@ const PATIENCE: usize = 5;
 const BREAK_LOG_SCALE: f64 = 0.2;
 /// Seconds a side may be silent before a warning.
 const SILENT_S: f64 = 0.5;
-/// Turn or way, in radians or vision's unit, below which a picture is the last one again.
-const FROZEN: f64 = 1e-9;
-
-/// Settings of [`Fused`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct FusedConfig {
-    /// Random walk of the position, metres per root second. Default 0.05: 9 mm from frame to frame at 30 Hz.
-    pub walk_m: f64,
-    /// Random walk of the orientation, radians per root second. Default 0.3: 3 degrees from frame to frame at 30 Hz.
-    pub walk_rad: f64,
-    /// Random walk of the logarithm of vision's scale, per root second. Default 0.1: a third in 10 s.
-    pub walk_log_scale: f64,
-    /// Standard deviation of the speed at which the wall moves by itself, metres per second along each axis: vision sees
-    /// the way along the wall, not through the room. Default 3e-3: breath that moves an organ by 10 mm, 15 times a minute,
-    /// has 5.6e-3 along the body, and simulated stomachs show 2e-3 to 6e-3 (docs/paper-experiment.md). 0 for a phantom.
-    pub wall_m_per_s: f64,
-    /// Standard deviation of a visual motion's translation: this share of it, beside the wall's. Default 0.2.
-    pub visual_share: f64,
-    /// ... and this at least, metres. Default 2e-4, the error per frame of ORB-SLAM2 and DSO on C3VD.
-    pub visual_floor_m: f64,
-    /// Standard deviation of a visual motion's rotation: this share of it. Default 0.1: a wall moves more than it turns.
-    pub visual_turn_share: f64,
-    /// ... and this at least, radians. Default 5e-3, as above.
-    pub visual_floor_rad: f64,
-    /// Visual motions below this confidence are not used. Default 0.1.
-    pub visual_confidence: f64,
-    /// Sightings roll and scale are found from, at most. Default 120, 4 s at 30 Hz.
-    pub window: usize,
-    /// The roll counts as known up to this standard deviation, radians. Default 0.1.
-    pub known: f64,
-    /// Settings of the magnetic side.
-    pub magnetic: MagneticConfig,
-}
-
-impl Default for FusedConfig {
-    fn default() -> Self {
-        Self {
-            walk_m: 0.05,
-            walk_rad: 0.3,
-            walk_log_scale: 0.1,
-            wall_m_per_s: 0.003,
-            visual_share: 0.2,
-            visual_turn_share: 0.1,
-            visual_floor_m: 2e-4,
-            visual_floor_rad: 5e-3,
-            visual_confidence: 0.1,
-            window: 120,
-            known: 0.1,
-            magnetic: MagneticConfig::default(),
-        }
-    }
-}
-
-impl FusedConfig {
-    fn check(&self) -> Result<(), BaselineError> {
-        let positive = [
-            ("walk_m", self.walk_m),
-            ("walk_rad", self.walk_rad),
-            ("walk_log_scale", self.walk_log_scale),
-            ("visual_share", self.visual_share),
-            ("visual_turn_share", self.visual_turn_share),
-            ("visual_floor_m", self.visual_floor_m),
-            ("visual_floor_rad", self.visual_floor_rad),
-            ("known", self.known),
-        ];
-        let bad = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0));
-        if let Some((name, value)) = bad {
-            return Err(BaselineError::Config { name, value, expected: "a finite number above 0" });
-        }
-        if !(self.wall_m_per_s.is_finite() && self.wall_m_per_s >= 0.0) {
-            let (name, value) = ("wall_m_per_s", self.wall_m_per_s);
-            return Err(BaselineError::Config { name, value, expected: "a finite number of at least 0" });
-        }
-        if self.window < FEWEST_SIGHTINGS {
-            return Err(BaselineError::Config { name: "window", value: self.window as f64, expected: "at least 8" });
-        }
-        Ok(())
-    }
-
-    const fn walk(&self) -> Walk {
-        Walk { translation_m: self.walk_m, rotation_rad: self.walk_rad, log_scale: self.walk_log_scale }
-    }
-}
+/// Turn or way, in radians or vision's unit, below which vision repeats itself.
+const STILL: f64 = 1e-9;
 
 /// The method; see the [module](self).
 pub struct Fused {
@@ -150,6 +75,14 @@ pub struct Fused {
     unfitted: usize,
     /// The camera in vision's world at the last frame vision is sure of, and that frame's time in seconds.
     visual_from_last: Option<(Pose, f64)>,
+    /// The picture of the last frame.
+    picture: Option<Arc<Image>>,
+    /// The last fix since the last frame.
+    latest_fix: Option<MagnetFix>,
+    /// What was said at the last frames since roll and scale were found.
+    trail: VecDeque<Moment>,
+    /// What the last observation says of earlier frames.
+    revisions: Vec<TimedPose>,
     refused: Refused,
     seen: Seen,
 }
@@ -185,6 +118,10 @@ impl Fused {
             window: VecDeque::new(),
             unfitted: 0,
             visual_from_last: None,
+            picture: None,
+            latest_fix: None,
+            trail: VecDeque::new(),
+            revisions: Vec::new(),
             refused: Refused::default(),
             seen: Seen { magnet_s: f64::NEG_INFINITY, vision_s: f64::NEG_INFINITY },
         })
@@ -212,7 +149,7 @@ impl Fused {
         }
         if let (Some(fix), Some(pose)) = (self.fix(), tracked.world_from_camera) {
             self.seen.magnet_s = reading.time_s;
-            self.take_fix(&fix, reading.time_s, pose);
+            self.take_fix(fix, reading.time_s, pose);
         }
         Ok(self.tracked(reading.time_s, None, tracked.warning))
     }
@@ -232,16 +169,19 @@ impl Fused {
     }
 
     /// Updates the filter, or starts it where there is none or the fixes contradict it for long.
-    fn take_fix(&mut self, fix: &MagnetFix, time_s: f64, world_from_camera: Pose) {
-        if self.filter.as_mut().is_some_and(|filter| filter.see_magnet(fix)) {
+    fn take_fix(&mut self, fix: MagnetFix, time_s: f64, world_from_camera: Pose) {
+        if self.filter.as_mut().is_some_and(|filter| filter.see_magnet(&fix)) {
             self.refused.magnet = 0;
+            self.latest_fix = Some(fix);
             return;
         }
         self.refused.magnet += 1;
         if self.filter.is_none() || self.refused.magnet >= PATIENCE {
             let log_scale = self.filter.as_ref().map_or(0.0, |filter| filter.log_scale);
             self.filter = Some(Filter::new(time_s, world_from_camera, log_scale, &unaligned(&fix.covariance)));
+            self.latest_fix = Some(fix);
             self.refused = Refused::default();
+            self.trail.clear();
             self.unalign();
         }
     }
@@ -251,16 +191,29 @@ impl Fused {
         if let Some(filter) = &mut self.filter {
             filter.predict(frame.time_s, &self.config.walk());
         }
+        let is_repeated = self.picture.replace(frame.image.clone()).is_some_and(|before| before == frame.image);
         let sure = tracked.world_from_camera.filter(|_| tracked.confidence >= self.config.visual_confidence);
         match sure {
+            _ if is_repeated => self.remember(frame.time_s, Sight::Nothing),
             Some(visual_from_camera) => self.take_view(visual_from_camera, frame.time_s),
-            None => self.break_off(),
+            None => self.break_off(frame.time_s),
         }
         Ok(self.tracked(frame.time_s, tracked.depth, tracked.warning))
     }
 
+    /// Keeps what was said now, in case roll and scale are found later.
+    fn remember(&mut self, time_s: f64, sight: Sight) {
+        let fix = self.latest_fix.take();
+        let Some(filter) = &self.filter else { return };
+        if self.trail.len() == self.config.window {
+            self.trail.pop_front();
+        }
+        self.trail.push_back(Moment { time_s, fix, sight, rotation_sigma_rad: filter.rotation_sigma_rad() });
+    }
+
     /// Vision's track is torn: what it says next has a place, and perhaps a unit, of its own.
-    fn break_off(&mut self) {
+    fn break_off(&mut self, time_s: f64) {
+        self.remember(time_s, Sight::Nothing);
         self.window.clear();
         if self.visual_from_last.take().is_some()
             && let Some(filter) = &mut self.filter
@@ -270,20 +223,23 @@ impl Fused {
     }
 
     fn take_view(&mut self, visual_from_camera: Pose, time_s: f64) {
-        let motion = self.visual_from_last.map(|(last, _)| last.inverse() * visual_from_camera);
-        // A picture shown again says nothing about the time that passed; the next one speaks for both.
-        if motion.is_some_and(|motion| se3::log(&motion).amax() < FROZEN) {
+        let motion = self.visual_from_last.map(|(last, last_s)| Motion {
+            before_from_now: last.inverse() * visual_from_camera,
+            elapsed_s: time_s - last_s,
+        });
+        // Standing still says nothing about the time that passed; the next motion speaks for both.
+        if motion.is_some_and(|motion| se3::log(&motion.before_from_now).amax() < STILL) {
+            self.remember(time_s, Sight::Nothing);
             return;
         }
-        let last = self.visual_from_last.replace((visual_from_camera, time_s));
-        let elapsed_s = last.map_or(0.0, |(_, last_s)| time_s - last_s);
+        self.visual_from_last = Some((visual_from_camera, time_s));
         self.seen.vision_s = time_s;
         self.forget_what_faded();
-        if self.is_aligned {
-            if let Some(motion) = motion {
-                self.take_motion(&motion, elapsed_s);
-            }
-        } else {
+        if let Some(motion) = motion.filter(|_| self.is_aligned) {
+            self.take_motion(&motion);
+        }
+        self.remember(time_s, motion.map_or(Sight::Anew, Sight::Moved));
+        if !self.is_aligned {
             self.gather(visual_from_camera);
         }
         if let Some(filter) = &mut self.filter {
@@ -305,22 +261,12 @@ impl Fused {
         self.window.clear();
     }
 
-    fn take_motion(&mut self, motion: &Pose, elapsed_s: f64) {
+    fn take_motion(&mut self, motion: &Motion) {
         let Some(filter) = &mut self.filter else { return };
-        let way_m = motion.translation.vector.norm() * filter.log_scale.exp();
-        let turn_rad = motion.rotation.angle();
-        let by_wall_m = self.config.wall_m_per_s * elapsed_s;
-        let step = VisualStep {
-            motion: *motion,
-            translation_sigma_m: self.config.visual_floor_m.hypot(self.config.visual_share * way_m).hypot(by_wall_m),
-            rotation_sigma_rad: self.config.visual_floor_rad.hypot(self.config.visual_turn_share * turn_rad),
-        };
-        if filter.see_motion(&step) {
+        if filter.follow(&self.config.step(motion, filter.log_scale)) {
             self.refused.vision = 0;
             return;
         }
-        // A wall that moves deceives vision about the way, hardly about the turn.
-        filter.see_turn(&step);
         self.refused.vision += 1;
         if self.refused.vision >= PATIENCE {
             self.refused.vision = 0;
@@ -357,6 +303,8 @@ impl Fused {
         let rotation = found.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max();
         if rotation < known * known && found.covariance[(6, 6)] < KNOWN_LOG_SCALE * KNOWN_LOG_SCALE {
             *filter = Filter::new(filter.time_s, found.world_from_camera, found.log_scale, &found.covariance);
+            self.revisions = retrace::retraced(&self.trail, filter, &self.config);
+            self.trail.clear();
             self.is_aligned = true;
             self.refused = Refused::default();
             self.window.clear();
@@ -392,10 +340,15 @@ impl Odometry for Fused {
     }
 
     fn track(&mut self, observation: &Observation) -> Result<Tracked, TrackError> {
+        self.revisions.clear();
         match observation {
             Observation::Frame(frame) => self.track_frame(frame, observation),
             Observation::Magnetic(reading) => self.track_reading(reading),
         }
+    }
+
+    fn revisions(&self) -> &[TimedPose] {
+        &self.revisions
     }
 
     fn stage_times(&self) -> &[(&'static str, Duration)] {

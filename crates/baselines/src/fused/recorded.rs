@@ -1,6 +1,6 @@
 //! A method that also listens to recorded readings: each is shown to it before the first frame that is not older.
 
-use endoscape_core::{MagneticReading, Observation, Odometry, TrackError, Tracked};
+use endoscape_core::{MagneticReading, Observation, Odometry, TimedPose, TrackError, Tracked};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use std::time::Duration;
 ///
 /// Readings after the last frame are never shown.
 pub struct Recorded<O> {
-    method: O,
+    pub(super) method: O,
     readings: VecDeque<MagneticReading>,
 }
 
@@ -29,6 +29,10 @@ impl<O: Odometry> Odometry for Recorded<O> {
             self.method.track(&Observation::Magnetic(reading))?;
         }
         self.method.track(observation)
+    }
+
+    fn revisions(&self) -> &[TimedPose] {
+        self.method.revisions()
     }
 
     fn stage_times(&self) -> &[(&'static str, Duration)] {

@@ -3,6 +3,7 @@
 //! step and 0.2 degrees, in a unit of its own that drifts by a tenth within a minute.
 
 use super::*;
+use crate::MagneticConfig;
 use crate::alignment::aligned;
 use endoscape_core::magnetic::{HallArray, Magnet};
 use endoscape_core::{Image, Size};
@@ -33,11 +34,12 @@ fn rig() -> MagneticRig {
     MagneticRig::new(magnet, HallArray::grid(5, 5, 0.05, &HallArray::TRIAXIAL, NOISE_TESLA), world_from_array).unwrap()
 }
 
-/// A capsule that wanders 9 cm above the array, looks about and rolls.
+/// A capsule that wanders 9 cm above the array, looks about and rolls, far from the roll the array would guess.
 fn truth(rig: &MagneticRig, time_s: f64) -> Pose {
     let s = 0.4 * time_s;
     let place = Translation3::new(0.05 * s.cos(), 0.05 * (0.7 * s).sin(), 0.09 + 0.02 * (0.5 * s).sin());
-    let turn = UnitQuaternion::from_euler_angles(0.6 * (0.9 * s).sin(), 0.5 * (1.1 * s).cos(), 0.8 * (0.6 * s).sin());
+    let turn =
+        UnitQuaternion::from_euler_angles(0.6 * (0.9 * s).sin(), 0.5 * (1.1 * s).cos(), 2.0 + 0.8 * (0.6 * s).sin());
     rig.world_from_array() * Pose::from_parts(place, turn)
 }
 
@@ -81,7 +83,12 @@ impl Odometry for Vision {
 }
 
 fn frame(index: usize) -> Observation {
-    let image = Arc::new(Image::from_fn(Size::new(1, 1), |_, _| [0; 3]));
+    showing(index, index)
+}
+
+/// A frame that shows the picture of another.
+fn showing(index: usize, picture: usize) -> Observation {
+    let image = Arc::new(Image::from_fn(Size::new(1, 1), |_, _| [picture as u8, (picture >> 8) as u8, 0]));
     Observation::Frame(Frame { index, time_s: index as f64 / FRAMES_PER_S, image, camera: None, usable: None })
 }
 
@@ -101,6 +108,8 @@ fn readings(rig: &MagneticRig, seconds: f64, gap: &Range<f64>, random: &mut fast
 /// Poses by frame with their truth, and the method after the last frame.
 struct Run {
     fused: Vec<(Tracked, Pose)>,
+    /// The poses as they stand at the end.
+    revised: Vec<Pose>,
     covariances: Vec<nalgebra::Matrix6<f64>>,
     scale: f64,
 }
@@ -144,16 +153,20 @@ fn run_in(
     let vision = Vision::new(&along, frames, no_vision, &mut random);
     let mut readings = readings(&rig, seconds, no_array, &mut random).into_iter().peekable();
     let mut fused = Fused::new(config, Box::new(vision), rig.clone()).unwrap();
-    let (mut tracked, mut covariances) = (Vec::new(), Vec::new());
+    let (mut tracked, mut covariances, mut revised) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..frames {
         let time_s = index as f64 / FRAMES_PER_S;
         while let Some(reading) = readings.next_if(|reading| reading.time_s <= time_s) {
             fused.track(&Observation::Magnetic(reading)).unwrap();
         }
         tracked.push((fused.track(&frame(index)).unwrap(), truth(&rig, time_s)));
+        for pose in fused.revisions() {
+            revised[(pose.time_s * FRAMES_PER_S).round() as usize] = pose.world_from_camera;
+        }
+        revised.push(tracked[index].0.world_from_camera.unwrap());
         covariances.push(fused.pose_covariance().unwrap());
     }
-    Run { fused: tracked, covariances, scale: fused.scale().unwrap() }
+    Run { fused: tracked, revised, covariances, scale: fused.scale().unwrap() }
 }
 
 /// Root mean square errors of place (m) and orientation (rad).
@@ -169,6 +182,13 @@ fn pairs(run: &Run, seconds: Range<f64>) -> Vec<(Pose, Pose)> {
     let frame = |time_s: f64| (time_s * FRAMES_PER_S) as usize;
     let part = &run.fused[frame(seconds.start)..frame(seconds.end).min(run.fused.len())];
     part.iter().map(|(tracked, truth)| (tracked.world_from_camera.unwrap(), *truth)).collect()
+}
+
+/// The same of the poses as they stand at the end.
+fn revised_pairs(run: &Run, seconds: Range<f64>) -> Vec<(Pose, Pose)> {
+    let told = pairs(run, seconds.clone());
+    let first = (seconds.start * FRAMES_PER_S) as usize;
+    told.into_iter().zip(&run.revised[first..]).map(|((_, truth), revised)| (*revised, truth)).collect()
 }
 
 /// What each parent reaches on the same kind of run: the array alone at its readings, and vision alone after the best
@@ -263,6 +283,53 @@ fn five_seconds_without_the_array_go_on_in_metres() {
     assert!(after.0 < 1.5e-3 && after.1 < 0.03, "{after:?}");
     let warned = run.fused[(23.0 * FRAMES_PER_S) as usize].0.warning.as_ref().unwrap();
     assert!(warned.contains("the array does not see"), "{warned}");
+}
+
+#[test]
+fn frames_before_the_roll_is_known_are_told_anew() {
+    for seed in 40..44 {
+        let run = run_with(FusedConfig::default(), seed, 20.0, &NEVER, &NEVER);
+        let unknown =
+            |(tracked, _): &(Tracked, Pose)| tracked.warning.as_ref().is_some_and(|w| w.contains("not known"));
+        let known_s = run.fused.iter().position(|at| !unknown(at)).unwrap() as f64 / FRAMES_PER_S;
+        let (told, revised) = (errors(&pairs(&run, 0.0..known_s)), errors(&revised_pairs(&run, 0.0..known_s)));
+        eprintln!("seed {seed}: {known_s:.1} s, told {told:?}, revised {revised:?}");
+        // Three standard deviations of the doubt at which the roll counts as known.
+        assert!(revised.1 < 0.3 && revised.1 < told.1 && revised.0 < told.0, "{told:?} {revised:?}");
+        let (all, array) = (errors(&revised_pairs(&run, 0.0..20.0)), parents(seed, 20.0).0);
+        assert!(all.0 < array.0 && all.1 < array.1, "{all:?} {array:?}");
+    }
+}
+
+#[test]
+fn what_is_found_after_a_gap_reaches_back_into_it() {
+    let run = run(5, 40.0, &(15.0..20.0), &NEVER);
+    let (told, revised) = (errors(&pairs(&run, 18.0..20.0)), errors(&revised_pairs(&run, 18.0..20.0)));
+    assert!(revised.1 < told.1, "{told:?} {revised:?}");
+    // What was known before the gap stays as it was.
+    assert_eq!(run.revised[300], run.fused[300].0.world_from_camera.unwrap());
+}
+
+/// Doubt about the scale after the frame 300, which vision does not answer, less that at the frame before.
+fn doubt_by(observation: &Observation) -> f64 {
+    let (rig, mut random) = (rig(), fastrand::Rng::with_seed(3));
+    let vision = Vision::new(&|time_s| truth(&rig, time_s), 301, &(10.0..11.0), &mut random);
+    let readings = readings(&rig, 10.0, &NEVER, &mut random);
+    let fused = Fused::new(config(), Box::new(vision), rig.clone()).unwrap();
+    let mut recorded = Recorded::new(fused, readings);
+    for index in 0..300 {
+        recorded.track(&frame(index)).unwrap();
+    }
+    let sigma = |recorded: &Recorded<Fused>| recorded.method.filter.as_ref().unwrap().scale_sigma();
+    let before = sigma(&recorded);
+    recorded.track(observation).unwrap();
+    sigma(&recorded) - before
+}
+
+#[test]
+fn a_repeated_picture_raises_no_doubt_about_the_scale() {
+    let (repeated, lost) = (doubt_by(&showing(300, 299)), doubt_by(&frame(300)));
+    assert!(repeated < 0.01 && lost > 0.1, "{repeated} {lost}");
 }
 
 #[test]
