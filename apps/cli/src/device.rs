@@ -57,7 +57,13 @@ impl DeviceName {
             #[cfg(feature = "rocm")]
             Self::Rocm(number) => Device::rocm(number),
             #[cfg(feature = "vulkan")]
-            Self::Vulkan => Device::wgpu_options().graphics_api(burn::tensor::wgpu::WgpuBackend::Vulkan).init()?,
+            Self::Vulkan => {
+                let options = Device::wgpu_options().graphics_api(burn::tensor::wgpu::WgpuBackend::Vulkan);
+                options.init().map_err(|error| {
+                    let remedy = "check its driver, or use --device cpu";
+                    anyhow::anyhow!("{self} does not answer on this computer ({error}); {remedy}")
+                })?
+            }
             #[cfg(feature = "metal")]
             Self::Metal => Device::metal(burn::tensor::DeviceKind::DefaultDevice),
             #[allow(unreachable_patterns, reason = "a build may have every backend")]

@@ -15,7 +15,7 @@ mod common;
 
 use burn::tensor::Device;
 use burn::tensor::wgpu::WgpuBackend;
-use common::{TINY, root, succeed, tube};
+use common::{TINY, root, sentence, succeed, tube};
 use endoscape_frames::picture;
 use endoscape_nets::{Checkpoint, network_input};
 use std::path::Path;
@@ -84,4 +84,14 @@ fn a_training_agrees_with_the_processor() {
         assert!(difference(cpu, gpu) < 1e-3, "{cpu:?} {gpu:?}");
     }
     assert!((cpu[0][0] - cpu[3][0]).abs() > 1e-3 * cpu[0][0], "the weights have not moved: {cpu:?}");
+}
+
+#[test]
+fn a_missing_driver_is_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_endoscape"));
+    // Both names of the variable, of which loaders know one or the other.
+    command.env("VK_ICD_FILENAMES", "/nonexistent").env("VK_DRIVER_FILES", "/nonexistent");
+    command.args(["train", "--data", &tube(), "--device", "vulkan", "--out"]).arg(folder.path().join("out"));
+    assert!(sentence(&command.output().unwrap()).contains("vulkan does not answer on this computer"));
 }
