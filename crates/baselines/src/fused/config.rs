@@ -6,7 +6,7 @@ use super::retrace::Motion;
 use crate::{BaselineError, MagneticConfig};
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`Fused`].
+/// Settings of [`Fused`](super::Fused).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FusedConfig {
