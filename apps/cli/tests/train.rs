@@ -75,6 +75,20 @@ fn a_killed_training_goes_on_as_if_nothing_had_happened() {
 }
 
 #[test]
+fn every_preset_learns() {
+    for preset in ["paper", "fast", "endo"] {
+        let place = Place::new();
+        let words = [place.begin("run", "4"), ["--preset", preset].map(str::to_owned).to_vec()].concat();
+        succeed(&strs(&words));
+        let table = fs::read_to_string(place.path("run/metrics.csv")).unwrap();
+        let losses: Vec<f64> =
+            table.lines().skip(1).map(|line| line.split(',').nth(4).unwrap().parse().unwrap()).collect();
+        assert!(losses.len() == 4 && losses.iter().all(|loss| loss.is_finite()), "{preset}: {table}");
+        assert!(losses.windows(2).all(|pair| pair[0] != pair[1]), "{preset}: {table}");
+    }
+}
+
+#[test]
 fn slips_are_told_before_anything_is_written() {
     let place = Place::new();
     let with = |change: &dyn Fn(&mut Vec<String>)| {

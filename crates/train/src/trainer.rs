@@ -315,6 +315,8 @@ impl<'a> Session<'a> {
             gradients = limit_gradient(gradients, &model, self.config.gradient_norm);
         }
         let updated = self.state.optimizer.step(learning_rate, model, gradients);
+        // Batch normalisation keeps its news apart by thread until it is looked at, and the next step may be on another.
+        drop(updated.valid());
         recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
         StepTaken { terms, output, learning_rate }

@@ -66,11 +66,15 @@ pub fn give_back(tensor: FlexTensor) {
     pool().keep(tensor);
 }
 
-/// Keeps the memory of a module's parameters, which nobody needs any more, for the gradients to come.
+/// Keeps the memory of a module's parameters, which nobody needs any more, for the gradients to come. Statistics of
+/// batch normalisation stay: a module shares them with its clones and successors.
 pub fn recycle(module: impl Module) {
     struct Recycling;
     impl ModuleMapper for Recycling {
         fn map_float<const D: usize>(&mut self, parameter: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            if !parameter.val().is_require_grad() {
+                return parameter;
+            }
             let (id, tensor, mapper) = parameter.consume();
             let nothing = Tensor::zeros([0; D], &tensor.device());
             if let Ok(tensor) = tensor.inner().try_into_primitive::<Flex>() {

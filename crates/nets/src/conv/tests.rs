@@ -146,3 +146,16 @@ fn views_of_larger_tensors_are_read_correctly() {
         assert!(error(convolve(&layer, view, Activation::None), expected) < 1e-5);
     }
 }
+
+#[test]
+fn recycled_weights_take_no_running_statistics_along() {
+    let device = Device::flex().autodiff();
+    let layers = LayerFactory::new(Padding::Symmetric, true, Some(0), &device);
+    let old = layers.block([3, 8], 3, 2);
+    let successor = old.clone();
+    crate::recycle(old);
+    // On a thread of its own, which has no newer statistics than those all threads share.
+    let forward = move || successor.forward(noise([2, 3, 8, 8], &device)).into_data();
+    let features = std::thread::spawn(forward).join().unwrap();
+    assert!(features.iter::<f32>().all(f32::is_finite));
+}
