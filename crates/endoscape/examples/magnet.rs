@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         seed: 1,
         camera: capsule_lens(Size::new(64, 64))?,
         path: PathKind::Capsule,
-        effects: Effects::all(),
+        effects: Effects::default(),
         hall: Hall::default(),
     };
     simulate(&config, &folder, &mut NullSink)?;
