@@ -75,6 +75,36 @@ fn a_killed_training_goes_on_as_if_nothing_had_happened() {
 }
 
 #[test]
+fn what_a_run_found_out_is_learned_too() {
+    let place = Place::new();
+    let path = |name: &str| place.path(name).display().to_string();
+    succeed(&strs(&place.begin("first", "4")));
+    succeed(&["run", &tube(), "--model", &path("first"), "--out", &path("found")]);
+    let with_labels = |out: &str, runs: &[&str]| {
+        let init = ["--init".to_owned(), path("first"), "--labels".to_owned()];
+        [place.begin(out, "6"), init.into(), runs.iter().map(|run| path(run)).collect()].concat()
+    };
+    succeed(&strs(&with_labels("second", &["found"])));
+    let table = fs::read_to_string(place.path("second/metrics.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let columns = lines.next().unwrap();
+    let rows: Vec<_> = lines.collect();
+    for name in ["label_depth", "label_motion"] {
+        let column = columns.iter().position(|column| *column == name).unwrap();
+        let figures: Vec<f64> = rows.iter().map(|row| row[column].parse().unwrap()).collect();
+        assert!(figures.len() == 6 && figures.iter().all(|figure| *figure > 0.0), "{name}: {figures:?}");
+    }
+
+    let sentence = fail(&strs(&with_labels("third", &["found", "found"])));
+    assert!(sentence.contains("--labels names 2 runs but --data 1 inputs"), "{sentence}");
+    let sentence = fail(&strs(&with_labels("third", &["first"])));
+    assert!(sentence.contains("run"), "{sentence}");
+    assert!(!place.path("third").exists(), "something was left behind");
+    let sentence = fail(&strs(&place.resume("second", "8")));
+    assert!(sentence.contains("give the same --labels as before"), "{sentence}");
+}
+
+#[test]
 fn every_preset_learns() {
     for preset in ["paper", "fast", "endo"] {
         let place = Place::new();

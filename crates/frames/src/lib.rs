@@ -17,6 +17,7 @@
 //! | [`depth`] | the depth encodings of all data sets to metres |
 //! | [`video`] | video files and live inputs through an `ffmpeg` process |
 //! | [`sequence_folder`] | our own folder, written in one piece |
+//! | [`labels`] | what a run has found out about a sequence, in the place of its truth |
 //! | [`preprocess`] | rectification, resizing, field-of-view and specular masks |
 //! | [`convert`] | any sequence to a sequence folder |
 //! | [`parallax`] | how far the picture moves between two frames |
@@ -29,6 +30,7 @@ pub mod depth;
 pub mod error;
 pub mod formats;
 pub mod inspect;
+pub mod labels;
 pub mod magnet;
 pub mod malformed;
 pub mod natural;

@@ -13,6 +13,8 @@ use std::sync::Arc;
 
 /// Bytes a pixel takes in memory: red, green, blue and usable.
 const BYTES_PER_PIXEL: usize = 4;
+/// Bytes the depth of a label takes per pixel.
+const BYTES_PER_LABEL: usize = 4;
 /// How far around a highlight its glow reaches, pixels at the training size.
 const SPECULAR_GLOW_PX: usize = 1;
 /// Depth maps kept per clip; more do not change what a validation says.
@@ -31,6 +33,18 @@ pub struct ClipFrame {
     pub world_from_camera: Option<Pose>,
     /// Its true depth at the training size, for validation alone.
     pub depth: Option<DepthMap>,
+    /// What is learned about it beside what its pictures say.
+    pub label: Option<Label>,
+}
+
+/// Where a run was when it saw a frame and how deep, in the run's own unit of length: nobody's truth, but found with more
+/// than the networks have ([`crate::lesson`]).
+#[derive(Clone, Debug)]
+pub struct Label {
+    /// Pose.
+    pub world_from_camera: Pose,
+    /// Depth at the training size.
+    pub depth: DepthMap,
 }
 
 /// Frames of one video, resized, with the camera that fits them.
@@ -55,6 +69,8 @@ pub struct ClipOptions {
     pub range: Range<usize>,
     /// Read true depth too.
     pub with_depth: bool,
+    /// The sequence with labels in the place of its poses and depth ([`endoscape_frames::labels`]).
+    pub labels: Option<Sequence>,
 }
 
 impl Clip {
@@ -102,7 +118,19 @@ impl Clip {
         if options.with_depth {
             clip.read_depth(sequence)?;
         }
+        if let Some(labels) = &options.labels {
+            clip.read_labels(labels)?;
+        }
         Ok(clip)
+    }
+
+    fn read_labels(&mut self, labels: &Sequence) -> Result<(), TrainError> {
+        for frame in &mut self.frames {
+            let pose = labels.frames.get(frame.position).and_then(|entry| entry.world_from_camera);
+            let depth = labels.read_depth(frame.position)?.map(|depth| resize::depth(&depth, frame.image.size()));
+            frame.label = pose.zip(depth).map(|(world_from_camera, depth)| Label { world_from_camera, depth });
+        }
+        Ok(())
     }
 
     fn read_depth(&mut self, sequence: &Sequence) -> Result<(), TrainError> {
@@ -139,7 +167,7 @@ fn prepare(frame: &Frame, sequence: &Sequence, size: Size) -> Result<ClipFrame, 
         intersect(&mut usable, &resize::mask(own, size));
     }
     let world_from_camera = sequence.frames.get(frame.index).and_then(|entry| entry.world_from_camera);
-    Ok(ClipFrame { position: frame.index, image, usable, world_from_camera, depth: None })
+    Ok(ClipFrame { position: frame.index, image, usable, world_from_camera, depth: None, label: None })
 }
 
 /// Takes the black border around the field of view out of every mask.
@@ -158,6 +186,17 @@ pub struct Source {
     pub sequence: Sequence,
     /// Positions of the frames; the end may lie beyond the sequence's.
     pub range: Range<usize>,
+    /// What is to be learned beside the pictures; see [`ClipOptions::labels`].
+    pub labels: Option<Sequence>,
+}
+
+impl Source {
+    /// Memory in bytes that its frames take at a size.
+    fn bytes(&self, size: Size) -> usize {
+        let frames = self.range.end.min(self.sequence.frames.len()).saturating_sub(self.range.start);
+        let labels = if self.labels.is_some() { frames.saturating_mul(size.area() * BYTES_PER_LABEL) } else { 0 };
+        Clip::bytes(size, frames).saturating_add(labels)
+    }
 }
 
 /// Loads all sources at one size.
@@ -171,17 +210,14 @@ pub fn load_clips(
     memory_mib: usize,
     events: &mut dyn EventSink,
 ) -> Result<Vec<Arc<Clip>>, TrainError> {
-    let frames =
-        |source: &Source| source.range.end.min(source.sequence.frames.len()).saturating_sub(source.range.start);
-    let total: usize = sources.iter().map(frames).sum();
-    let needed_mib = Clip::bytes(size, total) >> 20;
+    let needed_mib = sources.iter().map(|source| source.bytes(size)).fold(0, usize::saturating_add) >> 20;
     if needed_mib > memory_mib {
-        let reason = format!("{total} frames of {size} take {needed_mib} MiB, above the cap of {memory_mib} MiB");
+        let reason = format!("frames of {size} take {needed_mib} MiB, above the cap of {memory_mib} MiB");
         let remedy = "use fewer frames or a smaller size, or raise memory_mib in the configuration";
         return Err(TrainError::data("data", reason, remedy));
     }
     let load = |source: &Source| {
-        let options = ClipOptions { size, range: source.range.clone(), with_depth };
+        let options = ClipOptions { size, range: source.range.clone(), with_depth, labels: source.labels.clone() };
         Clip::load(&source.sequence, &options, events).map(Arc::new)
     };
     sources.iter().map(load).collect()

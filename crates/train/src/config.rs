@@ -9,6 +9,7 @@
 use crate::augment::AugmentConfig;
 use crate::error::TrainError;
 use crate::gap::GapConfig;
+use crate::lesson::LessonConfig;
 use crate::schedule::Decay;
 use endoscape_core::Size;
 use endoscape_nets::{NetsConfig, TrainedInput};
@@ -71,6 +72,8 @@ pub struct TrainConfig {
     pub augment: AugmentConfig,
     /// What is minimised.
     pub objective: ObjectiveConfig,
+    /// How much labels count, where there are any.
+    pub lesson: LessonConfig,
     /// What learns. The number of frames in a snippet is `nets.pose.snippet_length`.
     pub nets: NetsConfig,
 }
@@ -169,6 +172,7 @@ impl TrainConfig {
             gap: GapConfig::default(),
             augment: AugmentConfig::endo(),
             objective: ObjectiveConfig { geometry_weight: 0.0, scales: Scales::Native, ..ObjectiveConfig::endo() },
+            lesson: LessonConfig::default(),
             nets: NetsConfig::fast(),
         }
     }
@@ -272,6 +276,7 @@ impl TrainConfig {
             return Err(TrainError::config("steps", "and `minutes` are both 0, so training would never end; set one"));
         }
         self.gap.validate()?;
+        self.lesson.validate()?;
         self.augment.validate()?;
         self.objective.validate()?;
         Ok(self.nets.validate()?)

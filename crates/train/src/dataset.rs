@@ -1,6 +1,6 @@
 //! Snippets of all clips, in an order that depends on the seed alone.
 
-use crate::augment::{AugmentConfig, AugmentedFrame, augment};
+use crate::augment::{AugmentConfig, Augmented, augment};
 use crate::clip::{Clip, ClipFrame};
 use crate::error::TrainError;
 use crate::gap::{GapConfig, Target, choose};
@@ -93,6 +93,11 @@ impl SnippetDataset {
         self.clips.iter().map(Arc::as_ref).zip(self.median_gaps.iter().copied())
     }
 
+    /// Frames of all clips that labels say something about.
+    pub fn labelled_frames(&self) -> usize {
+        self.clips.iter().flat_map(|clip| &clip.frames).filter(|frame| frame.label.is_some()).count()
+    }
+
     /// Share of the snippets in which the camera stands still.
     pub fn standing_share(&self) -> f64 {
         self.snippets.iter().filter(|snippet| snippet.target.stands).count() as f64 / self.snippets.len() as f64
@@ -180,11 +185,9 @@ pub struct DrawPlan {
 
 /// One augmented snippet, ready for a batch.
 pub struct Item {
-    /// Target first.
-    pub frames: Vec<AugmentedFrame>,
-    /// The camera of all frames.
-    pub camera: Camera,
-    /// Whether it stands still.
+    /// Its frames, their camera and what is to be learned about them.
+    pub snippet: Augmented,
+    /// Whether its camera stands still.
     pub stands: bool,
 }
 
@@ -206,8 +209,8 @@ impl DrawPlan {
         let index = self.order(dataset.len(), epoch)[place];
         let mut rng = stream(self.seed, ITEMS + number);
         let drawn = dataset.draw(index, &mut rng);
-        let (frames, camera) = augment(&drawn.frames, drawn.camera, &self.augment, &mut rng)?;
-        Ok(Item { frames, camera, stands: drawn.stands })
+        let snippet = augment(&drawn.frames, drawn.camera, &self.augment, &mut rng)?;
+        Ok(Item { snippet, stands: drawn.stands })
     }
 
     fn order(&self, count: usize, epoch: u64) -> Vec<usize> {
@@ -256,10 +259,11 @@ mod tests {
         let dataset = dataset();
         let (again, once) = (plan(1).items(&dataset, 9).unwrap(), plan(1).items(&dataset, 9).unwrap());
         for (a, b) in again.iter().zip(&once) {
+            let (a, b) = (&a.snippet, &b.snippet);
             assert_eq!((a.frames[1].motion_input.values(), a.camera), (b.frames[1].motion_input.values(), b.camera));
         }
         let other = plan(1).items(&dataset, 10).unwrap();
-        assert_ne!(once[0].frames[0].original, other[0].frames[0].original);
+        assert_ne!(once[0].snippet.frames[0].original, other[0].snippet.frames[0].original);
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! | [`gap`] | how far apart the frames of a snippet are |
 //! | [`dataset`] | [`SnippetDataset`]: all snippets, drawn by seed and step |
 //! | [`augment`](mod@augment) | the same snippet as it could also have been |
+//! | [`lesson`] | what labels from a run teach beside the pictures |
 //! | [`batch`], [`loader`] | snippets to tensors, made ahead by threads |
 //! | [`model`], [`optimizer`], [`schedule`] | both networks, Adam, the learning rate |
 //! | [`trainer`] | [`train`], [`resume`]: the recipe |
@@ -34,6 +35,7 @@ pub mod config;
 pub mod dataset;
 mod error;
 pub mod gap;
+pub mod lesson;
 pub mod loader;
 pub mod model;
 pub mod optimizer;

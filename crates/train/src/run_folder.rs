@@ -33,6 +33,9 @@ pub struct RunManifest {
     pub seed: u64,
     /// Snippets the data gave.
     pub snippets: usize,
+    /// Frames of them that labels say something about.
+    #[serde(default)]
+    pub labelled_frames: usize,
     /// Training data.
     pub data: Vec<DataSource>,
     /// Validation data; the training data if it is the same.
@@ -249,6 +252,7 @@ mod tests {
             endoscape_version: "1".into(),
             device: "cpu".into(),
             seed: 3,
+            labelled_frames: 0,
             snippets: 9,
             data: vec![DataSource { name: "a@0..9".into(), fingerprint: "sha256:0".into() }],
             validation: Vec::new(),

@@ -12,6 +12,7 @@ pub(crate) fn clip_of(images: Vec<Image>) -> Clip {
         usable: Grid::filled(size, true),
         world_from_camera: None,
         depth: None,
+        label: None,
     };
     let frames = images.into_iter().enumerate().map(frame).collect();
     let camera = Camera::from_field_of_view(size, 70_f64.to_radians()).unwrap();

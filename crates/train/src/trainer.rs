@@ -9,6 +9,7 @@ use crate::collapse::{CollapseWatch, Signs, VitalSigns};
 use crate::config::{Criterion, TrainConfig};
 use crate::dataset::{DrawPlan, SnippetDataset};
 use crate::error::TrainError;
+use crate::lesson::LessonLoss;
 use crate::loader::{Loader, LoaderPlan};
 use crate::model::{Output, standing_motion};
 use crate::optimizer::limit_gradient;
@@ -82,6 +83,10 @@ pub struct Metrics {
     pub geometry: f32,
     /// Disagreement of depth and brightness before its weight.
     pub light: f32,
+    /// Distance from the depth of the labels before its weight; 0 without labels.
+    pub label_depth: f32,
+    /// Distance from the motions of the labels before its weight; 0 without labels.
+    pub label_motion: f32,
     /// Share of pixels that count.
     pub coverage: f32,
     /// See [`VitalSigns::depth_spread`].
@@ -103,6 +108,8 @@ impl Metrics {
             ("loss/smoothness", f64::from(self.smoothness)),
             ("loss/mask", f64::from(self.mask)),
             ("loss/geometry", f64::from(self.geometry)),
+            ("loss/label_depth", f64::from(self.label_depth)),
+            ("loss/label_motion", f64::from(self.label_motion)),
             ("networks/coverage", f64::from(self.coverage)),
             ("networks/depth_spread", f64::from(self.depth_spread)),
             ("networks/reliability", f64::from(self.reliability)),
@@ -188,6 +195,10 @@ pub(crate) fn go_on(
         let remedy = "give the same --data as before, or start a new run from its weights with --init";
         return Err(TrainError::run(run.root(), "the run was trained on other data", remedy));
     }
+    if job.data.labelled_frames() != recorded.labelled_frames {
+        let reason = format!("the run learned from labels of {} frames", recorded.labelled_frames);
+        return Err(TrainError::run(run.root(), reason, "give the same --labels as before"));
+    }
     let state = TrainState::load(run, &job.device.clone().autodiff())?;
     run.describe(&job.config, &RunManifest { device: job.device_name.clone(), ..recorded })?;
     Session::new(job, judge, job.config.clone(), run, state)?.train(events)
@@ -206,6 +217,7 @@ fn manifest_of(job: &TrainJob) -> RunManifest {
         device: job.device_name.clone(),
         seed: job.config.seed,
         snippets: job.data.len(),
+        labelled_frames: job.data.labelled_frames(),
         data: sources_of(&job.data),
         validation: sources_of(job.validation.as_ref().unwrap_or(&job.data)),
         init: job.init.as_ref().map(|path| path.display().to_string()),
@@ -215,6 +227,7 @@ fn manifest_of(job: &TrainJob) -> RunManifest {
 /// What a step leaves on the device.
 struct StepTaken {
     terms: LossTerms,
+    lesson: Option<LessonLoss>,
     output: Output,
     learning_rate: f64,
 }
@@ -305,12 +318,16 @@ impl<'a> Session<'a> {
         let learning_rate = self.learning_rate();
         let model = self.state.model.clone();
         let output = model.predict(batch, self.config.with_source_depth());
-        let terms = objective(&batch.views, &output.prediction, &self.config.objective);
-        let mut total = terms.total.clone();
-        if self.config.standing_weight > 0.0 {
-            total = total + standing_motion(output.motion.clone(), batch.stands.clone()) * self.config.standing_weight;
+        let mut terms = objective(&batch.views, &output.prediction, &self.config.objective);
+        let lesson = batch.lessons.as_ref().map(|lessons| lessons.loss(&output.prediction));
+        if let Some(loss) = &lesson {
+            terms.total = terms.total + loss.weighted(&self.config.lesson);
         }
-        let mut gradients = GradientsParams::from_grads(total.backward(), &model);
+        if self.config.standing_weight > 0.0 {
+            let price = standing_motion(output.motion.clone(), batch.stands.clone());
+            terms.total = terms.total + price * self.config.standing_weight;
+        }
+        let mut gradients = GradientsParams::from_grads(terms.total.backward(), &model);
         if self.config.gradient_norm > 0.0 {
             gradients = limit_gradient(gradients, &model, self.config.gradient_norm);
         }
@@ -319,7 +336,7 @@ impl<'a> Session<'a> {
         drop(updated.valid());
         recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
-        StepTaken { terms, output, learning_rate }
+        StepTaken { terms, lesson, output, learning_rate }
     }
 
     fn learning_rate(&self) -> f64 {
@@ -394,8 +411,10 @@ impl<'a> Session<'a> {
         let losses =
             [total, photometric, smoothness, mask, geometry, light, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
+        let lesson = taken.lesson.iter().flat_map(|loss| [&loss.depth, &loss.motion]).map(|term| term.clone().inner());
         // One read-back for all.
-        let figures: Vec<f32> = Tensor::cat(losses.into_iter().chain(signs).collect(), 0).into_data().iter().collect();
+        let figures: Vec<f32> =
+            Tensor::cat(losses.into_iter().chain(signs).chain(lesson).collect(), 0).into_data().iter().collect();
         let figure = |index: usize| figures.get(index).copied().unwrap_or(f32::NAN);
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
         Metrics {
@@ -414,6 +433,8 @@ impl<'a> Session<'a> {
             reliability: figure(8),
             translation: figure(9),
             rotation_rad: figure(10),
+            label_depth: if taken.lesson.is_some() { figure(11) } else { 0.0 },
+            label_motion: if taken.lesson.is_some() { figure(12) } else { 0.0 },
         }
     }
 

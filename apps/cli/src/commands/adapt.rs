@@ -114,8 +114,10 @@ impl Args {
         config: &TrainConfig,
         progress: &mut Progress,
     ) -> anyhow::Result<Vec<Arc<Clip>>> {
-        let sources: Vec<Source> =
-            sequences.iter().map(|sequence| Source { sequence: sequence.clone(), range: 0..usize::MAX }).collect();
+        let sources: Vec<Source> = sequences
+            .iter()
+            .map(|sequence| Source { sequence: sequence.clone(), range: 0..usize::MAX, labels: None })
+            .collect();
         let size = Size::new(config.width, config.height);
         Ok(load_clips(&sources, size, false, config.memory_mib, progress)?)
     }

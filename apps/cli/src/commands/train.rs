@@ -5,6 +5,7 @@ use crate::input::{InputArgs, SimcolMatrix, parse_field_of_view, parse_range, pa
 use crate::progress::Progress;
 use anyhow::bail;
 use endoscape_core::{Event, EventSink as _, Size};
+use endoscape_frames::labels;
 use endoscape_train::supervised::{self, PosedClip, SupervisedConfig, SupervisedJob, load_posed};
 use endoscape_train::{
     Preset, RunFolder, SnippetDataset, Source, Summary, TrainConfig, TrainJob, load_clips, model_folder, resume, train,
@@ -20,13 +21,18 @@ use std::sync::Arc;
   endoscape train --data recordings/c3vd/cecum_t1_a@0..120 phantom.mp4 --hfov 90 --out run --minutes 20
   endoscape train --data recordings/patient --init run --preset endo --out second
   endoscape train --data recordings/patient --out second --resume
+  endoscape run recordings/patient --model second --out found
+  endoscape train --data recordings/patient --labels found --init second --out third
   endoscape train --supervised --data patients/* --validation patient --out recurrent --minutes 15")]
 pub struct Args {
     /// Videos, folders or sequences to learn from; PATH@A..B takes frames A to B - 1 only.
     #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
     data: Vec<String>,
+    /// Result folders of `endoscape run` over the same inputs, one for each --data: their poses and depth are learned too.
+    #[arg(long, value_name = "RUN", num_args = 1..)]
+    labels: Vec<PathBuf>,
     /// Train the recurrent network on sequences with true poses, for endoscape run --method recurrent.
-    #[arg(long, conflicts_with_all = ["preset", "gap", "camera", "hfov"])]
+    #[arg(long, conflicts_with_all = ["preset", "gap", "camera", "hfov", "labels"])]
     supervised: bool,
     /// Folder of the run; it must not exist or be empty, unless resumed.
     #[arg(long, value_name = "RUN")]
@@ -86,9 +92,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let config = args.configuration(&run)?;
     config.validate()?;
     let judged_apart = !args.validation.is_empty();
-    let data = args.dataset(&args.data, &config, !judged_apart, &mut progress)?;
+    let data = args.dataset(&args.labelled(&mut progress)?, &config, !judged_apart, &mut progress)?;
     let validation = match judged_apart {
-        true => Some(args.dataset(&args.validation, &config, true, &mut progress)?),
+        true => Some(args.dataset(&args.sources(&args.validation, &mut progress)?, &config, true, &mut progress)?),
         false => None,
     };
     let init = args.init.as_deref().map(model_folder);
@@ -183,15 +189,29 @@ impl Args {
         Ok(sources)
     }
 
+    /// The training data, with what runs have found out about it.
+    fn labelled(&self, progress: &mut Progress) -> anyhow::Result<Vec<Source>> {
+        let mut sources = self.sources(&self.data, progress)?;
+        let (runs, inputs) = (self.labels.len(), sources.len());
+        if runs > 0 && runs != inputs {
+            bail!(
+                "--labels names {runs} runs but --data {inputs} inputs; give the run over each input, in their order"
+            );
+        }
+        for (source, run) in sources.iter_mut().zip(&self.labels) {
+            source.labels = Some(labels::of_run(&source.sequence, run)?);
+        }
+        Ok(sources)
+    }
+
     fn dataset(
         &self,
-        inputs: &[String],
+        sources: &[Source],
         config: &TrainConfig,
         with_depth: bool,
         progress: &mut Progress,
     ) -> anyhow::Result<Arc<SnippetDataset>> {
-        let clips =
-            load_clips(&self.sources(inputs, progress)?, config.size(), with_depth, config.memory_mib, progress)?;
+        let clips = load_clips(sources, config.size(), with_depth, config.memory_mib, progress)?;
         Ok(Arc::new(SnippetDataset::new(clips, config.snippet_length(), &config.gap, progress)?))
     }
 
@@ -204,7 +224,7 @@ impl Args {
         if sequence.camera.is_none() {
             sequence = input(self.camera.clone()).open_assuming(self.hfov)?;
         }
-        Ok(Source { sequence, range })
+        Ok(Source { sequence, range, labels: None })
     }
 }
 

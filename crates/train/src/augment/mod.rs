@@ -3,6 +3,8 @@
 //! | module | what | seen by |
 //! |---|---|---|
 //! | [`view`] | enlargement with a crop, mirroring; the camera changes along | networks and loss |
+//! | [`turn`] | sources of a camera turned about its centre | networks and loss |
+//! | here | time running backwards | networks and loss |
 //! | [`appearance`] | colour, exposure, vignette, motion blur | networks |
 //! | [`artefacts`] | highlights, occluders | networks |
 //! | [`artefacts`] | soft deformation of the sources | motion network |
@@ -13,10 +15,12 @@
 pub mod appearance;
 pub mod artefacts;
 pub mod planes;
+pub mod turn;
 pub mod view;
 
 use crate::clip::ClipFrame;
 use crate::error::TrainError;
+use crate::lesson::Lesson;
 use appearance::{ColourShift, expose, motion_blur, shift_colour, vignette};
 use artefacts::{Blob, Deformation, add_speculars, deform, occlude};
 use endoscape_core::{Camera, Size};
@@ -24,6 +28,7 @@ use planes::Planes;
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::TAU;
+use turn::Turn;
 use view::ViewChange;
 
 /// What is varied and how strongly; shares are probabilities per snippet, 0 switches off. `default()` is
@@ -35,6 +40,12 @@ pub struct AugmentConfig {
     pub enlarge: f64,
     /// Share of mirrored snippets. Default 0.5.
     pub mirror: f64,
+    /// Share of snippets upside down. Default 0.
+    pub flip: f64,
+    /// Share of snippets whose time runs backwards. Default 0.
+    pub reverse: f64,
+    /// Share of snippets whose sources are turned as far as `enlarge` has cropped something away. Default 0.
+    pub turn: f64,
     /// Share of snippets with changed colours. Default 0.5 (Godard et al. 2019).
     pub colour: f64,
     /// Largest change of brightness, contrast and saturation. Default 0.2 (Godard et al. 2019).
@@ -67,6 +78,9 @@ impl AugmentConfig {
         Self {
             enlarge: 1.15,
             mirror: 0.5,
+            flip: 0.0,
+            reverse: 0.0,
+            turn: 0.0,
             colour: 0.5,
             colour_change: 0.2,
             white_balance: 0.1,
@@ -89,6 +103,9 @@ impl AugmentConfig {
         Self {
             enlarge: 1.0,
             mirror: 0.0,
+            flip: 0.0,
+            reverse: 0.0,
+            turn: 0.0,
             colour: 0.0,
             colour_change: 0.0,
             white_balance: 0.0,
@@ -106,6 +123,9 @@ impl AugmentConfig {
     pub fn validate(&self) -> Result<(), TrainError> {
         let shares = [
             ("mirror", self.mirror),
+            ("flip", self.flip),
+            ("reverse", self.reverse),
+            ("turn", self.turn),
             ("colour", self.colour),
             ("vignette", self.vignette),
             ("blur", self.blur),
@@ -143,7 +163,18 @@ pub struct AugmentedFrame {
     pub motion_input: Planes,
 }
 
-/// Augments a snippet, target first; returns its frames and the camera that fits them.
+/// An augmented snippet.
+#[derive(Clone, Debug)]
+pub struct Augmented {
+    /// Target first.
+    pub frames: Vec<AugmentedFrame>,
+    /// The camera that fits all of them.
+    pub camera: Camera,
+    /// What labels say about it, where there are any.
+    pub lesson: Option<Lesson>,
+}
+
+/// Augments a snippet, target first.
 ///
 /// # Errors
 /// [`TrainError::Camera`] if the camera is not of the frames' size.
@@ -152,12 +183,15 @@ pub fn augment(
     camera: &Camera,
     config: &AugmentConfig,
     rng: &mut impl Rng,
-) -> Result<(Vec<AugmentedFrame>, Camera), TrainError> {
+) -> Result<Augmented, TrainError> {
     let change = draw_view(camera.size(), config, rng);
+    let camera = change.camera(camera)?;
+    let frames = in_time(frames, rng.random_bool(config.reverse));
+    let turns = draw_turns(&change, &camera, frames.len(), config, rng);
     let look = Look::draw(config, rng);
     let mut augmented = Vec::with_capacity(frames.len());
-    for (index, frame) in frames.iter().enumerate() {
-        let original = change.picture(&frame.image);
+    for (index, (frame, turn)) in frames.iter().zip(&turns).enumerate() {
+        let original = change.picture(&frame.image, turn.as_ref());
         let mut depth_input = original.clone();
         look.apply(&mut depth_input);
         vary_frame(&mut depth_input, config, rng);
@@ -166,14 +200,38 @@ pub fn augment(
         if index > 0 && rng.random_bool(config.deformation) {
             deform(&mut motion_input, &draw_deformation(rng));
         }
-        augmented.push(AugmentedFrame { original, usable: change.mask(&frame.usable), depth_input, motion_input });
+        let usable = change.mask(&frame.usable, turn.as_ref());
+        augmented.push(AugmentedFrame { original, usable, depth_input, motion_input });
     }
-    Ok((augmented, change.camera(camera)?))
+    let lesson = Lesson::of(&frames, &change, &turns);
+    Ok(Augmented { frames: augmented, camera, lesson })
+}
+
+/// Target first, then its sources in the order of time or against it.
+fn in_time<'a>(frames: &[&'a ClipFrame], is_reversed: bool) -> Vec<&'a ClipFrame> {
+    let mut frames = frames.to_vec();
+    if let (true, Some(sources)) = (is_reversed, frames.get_mut(1..)) {
+        sources.reverse();
+    }
+    frames
+}
+
+/// A turn of every source or of none, and none of the target.
+fn draw_turns(
+    change: &ViewChange,
+    camera: &Camera,
+    frames: usize,
+    config: &AugmentConfig,
+    rng: &mut impl Rng,
+) -> Vec<Option<Turn>> {
+    let is_turned = rng.random_bool(config.turn);
+    (0..frames).map(|index| (is_turned && index > 0).then(|| Turn::draw(change, camera, rng)).flatten()).collect()
 }
 
 fn draw_view(size: Size, config: &AugmentConfig, rng: &mut impl Rng) -> ViewChange {
     let scale = [rng.random_range(1.0..=config.enlarge), rng.random_range(1.0..=config.enlarge)];
-    ViewChange::new(size, scale, [rng.random(), rng.random()], rng.random_bool(config.mirror))
+    let place = [rng.random(), rng.random()];
+    ViewChange::new(size, scale, place, [rng.random_bool(config.mirror), rng.random_bool(config.flip)])
 }
 
 /// What all frames of a snippet share.
@@ -254,7 +312,8 @@ mod tests {
     fn augmented(config: &AugmentConfig, seed: u64) -> (Vec<AugmentedFrame>, Camera) {
         let clip = sliding_clip(3, 2.0);
         let frames: Vec<&ClipFrame> = clip.frames.iter().collect();
-        augment(&frames, &clip.camera, config, &mut ChaCha8Rng::seed_from_u64(seed)).unwrap()
+        let snippet = augment(&frames, &clip.camera, config, &mut ChaCha8Rng::seed_from_u64(seed)).unwrap();
+        (snippet.frames, snippet.camera)
     }
 
     #[test]
@@ -289,10 +348,13 @@ mod tests {
             speculars: 1.0,
             occluder: 1.0,
             deformation: 1.0,
+            turn: 1.0,
+            reverse: 1.0,
+            flip: 0.5,
             ..AugmentConfig::endo()
         };
-        let only_view =
-            AugmentConfig { enlarge: everything.enlarge, mirror: everything.mirror, ..AugmentConfig::none() };
+        let AugmentConfig { enlarge, mirror, flip, reverse, turn, .. } = everything;
+        let only_view = AugmentConfig { enlarge, mirror, flip, reverse, turn, ..AugmentConfig::none() };
         let (with, without) = (augmented(&everything, 3), augmented(&only_view, 3));
         assert_eq!(with.1, without.1);
         for (with, without) in with.0.iter().zip(&without.0) {

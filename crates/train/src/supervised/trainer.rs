@@ -153,6 +153,7 @@ fn manifest_of(job: &SupervisedJob) -> RunManifest {
         device: job.device_name.clone(),
         seed: job.config.seed,
         snippets: pairs.sum(),
+        labelled_frames: 0,
         data: sources_of(&job.data),
         validation: sources_of(job.validation.as_ref().unwrap_or(&job.data)),
         init: job.init.as_ref().map(|path| path.display().to_string()),

@@ -167,8 +167,8 @@ fn standing(prediction: Prediction, model: &DepthMotionModel) -> Prediction {
 /// A snippet as it is.
 fn plain_item(drawn: &Drawn<'_>) -> Result<Item, TrainError> {
     let unused = &mut ChaCha8Rng::seed_from_u64(0);
-    let (frames, camera) = augment(&drawn.frames, drawn.camera, &AugmentConfig::none(), unused)?;
-    Ok(Item { frames, camera, stands: drawn.stands })
+    let snippet = augment(&drawn.frames, drawn.camera, &AugmentConfig::none(), unused)?;
+    Ok(Item { snippet, stands: drawn.stands })
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

@@ -26,6 +26,7 @@ pub fn room_clip(frames: usize) -> Clip {
             usable: Grid::filled(SIZE, true),
             world_from_camera: Some(world_from_camera),
             depth: Some(depth),
+            label: None,
         }
     };
     Clip { name: "room".into(), frames: (0..frames).map(frame).collect(), camera, fingerprint: "made".into() }

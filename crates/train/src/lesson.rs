@@ -1,0 +1,164 @@
+//! What labels teach beside the pictures: the networks learn to say at once what a run found out with patience.
+//!
+//! At work the motions of the network are sharpened by aligning pictures, and depth is measured over many of them
+//! (`endoscape-odometry`). Both are better than what the networks say alone, and both are known for the training video as
+//! soon as a run has gone over it: labels that nobody drew. Their depth has one unit over a whole video, which the
+//! photometric loss does not ask for: there every picture may have its own.
+//!
+//! ```text
+//! train --data VIDEO -> run VIDEO -> train --data VIDEO --labels RUN --init ...
+//! ```
+//! - depth: mean over pixels of `|log depth - log depth_label|`, scale included
+//! - motion: mean over snippets and sources of `|t - t_label|_1 + |R - R_label|_1 / 2`; translation is in the unit of depth,
+//!   of the order of the distance to the scene, so that it and the angle weigh alike
+
+use crate::augment::turn::Turn;
+use crate::augment::view::ViewChange;
+use crate::clip::{ClipFrame, Label};
+use crate::dataset::Item;
+use crate::error::TrainError;
+use burn::tensor::{Device, Tensor, TensorData};
+use endoscape_core::{Pose, Size};
+use endoscape_synthesis::Prediction;
+use serde::{Deserialize, Serialize};
+
+/// How much labels count beside the photometric loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LessonConfig {
+    /// Weight of the depth. Default 1.
+    pub depth_weight: f64,
+    /// Weight of the motions. Default 20: an error of a tenth of a usual motion, 0.005, then costs as much as one of a
+    /// tenth of the depth.
+    pub motion_weight: f64,
+}
+
+impl Default for LessonConfig {
+    fn default() -> Self {
+        Self { depth_weight: 1.0, motion_weight: 20.0 }
+    }
+}
+
+impl LessonConfig {
+    /// # Errors
+    /// [`TrainError::Config`] for a weight that is no number from 0 on.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let weights = [("depth_weight", self.depth_weight), ("motion_weight", self.motion_weight)];
+        match weights.into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
+            Some((name, weight)) => {
+                Err(TrainError::config(format!("lesson.{name}"), format!("is {weight} but must be 0 or above")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// What the labels of a snippet say.
+#[derive(Clone, Debug)]
+pub struct Lesson {
+    /// Of the target, 0 where unknown, row after row.
+    depth: Vec<f32>,
+    /// Of each source in time order.
+    source_from_target: Vec<Pose>,
+}
+
+impl Lesson {
+    /// The labels of a snippet, target first, as the changed and turned camera sees them; `None` unless every frame has one.
+    pub fn of(frames: &[&ClipFrame], change: &ViewChange, turns: &[Option<Turn>]) -> Option<Self> {
+        let labels: Vec<&Label> = frames.iter().map(|frame| frame.label.as_ref()).collect::<Option<_>>()?;
+        let (target, sources) = labels.split_first()?;
+        let motion = |(source, turn): (&&Label, &Option<Turn>)| {
+            let motion = change.motion(&(source.world_from_camera.inverse() * target.world_from_camera));
+            turn.as_ref().map_or(motion, |turn| turn.motion(&motion))
+        };
+        let source_from_target = sources.iter().zip(turns.iter().skip(1)).map(motion).collect();
+        Some(Self { depth: change.depth(&target.depth), source_from_target })
+    }
+}
+
+/// The lessons of a batch on a device; snippets without one have depth 0 and do not count.
+#[derive(Clone, Debug)]
+pub struct Lessons {
+    /// `[batch, 1, height, width]`, 0 where unknown.
+    depth: Tensor<4>,
+    /// Of each source, `[batch, 3, 4]`.
+    source_from_target: Vec<Tensor<3>>,
+    /// `[batch, 1, 1]`, 1 for snippets with a lesson, else 0.
+    given: Tensor<3>,
+}
+
+/// How far a prediction is from the labels, each `[1]`.
+#[derive(Clone, Debug)]
+pub struct LessonLoss {
+    /// Mean difference in logarithm of depth.
+    pub depth: Tensor<1>,
+    /// Mean difference of the motions.
+    pub motion: Tensor<1>,
+}
+
+impl Lessons {
+    /// Lays the lessons of snippets of one size and length side by side; `None` if there are none.
+    pub fn new(items: &[Item], size: Size, device: &Device) -> Option<Self> {
+        let lessons: Vec<Option<&Lesson>> = items.iter().map(|item| item.snippet.lesson.as_ref()).collect();
+        let sources = lessons.iter().flatten().map(|lesson| lesson.source_from_target.len()).next()?;
+        let batch = items.len();
+        let depth =
+            |lesson: &Option<&Lesson>| lesson.map_or_else(|| vec![0.0; size.area()], |known| known.depth.clone());
+        let depth: Vec<f32> = lessons.iter().flat_map(depth).collect();
+        let motion = |source: usize| {
+            let rows = lessons.iter().flat_map(|lesson| {
+                rows(&lesson.and_then(|known| known.source_from_target.get(source).copied()).unwrap_or_default())
+            });
+            Tensor::from_data(TensorData::new(rows.collect::<Vec<f32>>(), [batch, 3, 4]), device)
+        };
+        let given: Vec<f32> = lessons.iter().map(|lesson| f32::from(u8::from(lesson.is_some()))).collect();
+        Some(Self {
+            depth: Tensor::from_data(TensorData::new(depth, [batch, 1, size.height, size.width]), device),
+            source_from_target: (0..sources).map(motion).collect(),
+            given: Tensor::from_data(TensorData::new(given, [batch, 1, 1]), device),
+        })
+    }
+
+    /// Compares what the networks say with the labels.
+    pub fn loss(&self, prediction: &Prediction) -> LessonLoss {
+        LessonLoss { depth: self.depth_loss(prediction), motion: self.motion_loss(prediction) }
+    }
+
+    fn depth_loss(&self, prediction: &Prediction) -> Tensor<1> {
+        let Some(disparity) = prediction.disparities.first() else {
+            return self.given.zeros_like().mean();
+        };
+        let known = self.depth.clone().greater_scalar(0.0).float().cast(self.depth.dtype());
+        // Where nothing is known the logarithm is that of 1, which the mask takes out again.
+        let label = (self.depth.clone() + (-known.clone() + 1.0)).log();
+        let error = (disparity.clone().log() + label).abs() * known.clone();
+        error.sum() / known.sum().clamp_min(1.0)
+    }
+
+    fn motion_loss(&self, prediction: &Prediction) -> Tensor<1> {
+        // Rotation in the first three columns, translation in the last.
+        let weights: Vec<f32> = (0..12).map(|entry| if entry % 4 == 3 { 1.0 } else { 0.5 }).collect();
+        let weights = Tensor::<3>::from_data(TensorData::new(weights, [1, 3, 4]), &self.given.device());
+        let pairs = prediction.source_from_target.iter().zip(&self.source_from_target);
+        let errors =
+            pairs.map(|(said, label)| ((said.clone() - label.clone()).abs() * weights.clone()).sum_dims(&[1, 2]));
+        let error = Tensor::cat(errors.collect(), 1).mean_dim(1) * self.given.clone().mean_dim(1);
+        error.sum() / self.given.clone().sum().clamp_min(1.0)
+    }
+}
+
+impl LessonLoss {
+    /// Both by their weights, `[1]`.
+    pub fn weighted(&self, config: &LessonConfig) -> Tensor<1> {
+        self.depth.clone() * config.depth_weight + self.motion.clone() * config.motion_weight
+    }
+}
+
+/// `[R | t]` row after row.
+fn rows(pose: &Pose) -> Vec<f32> {
+    let matrix = pose.to_homogeneous();
+    (0..12).map(|entry| matrix[(entry / 4, entry % 4)] as f32).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,76 @@
+//! Labels of poses and depth are learned, through mirrored and enlarged pictures too.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stderr,
+    reason = "test helpers fail by panicking and say what they skip"
+)]
+
+mod common;
+
+use burn::tensor::Device;
+use common::{SIZE, room_clip};
+use endoscape_core::event::NullSink;
+use endoscape_nets::NetsConfig;
+use endoscape_train::augment::AugmentConfig;
+use endoscape_train::clip::{Clip, Label};
+use endoscape_train::gap::GapConfig;
+use endoscape_train::trainer::Metrics;
+use endoscape_train::{RunFolder, SnippetDataset, TrainConfig, TrainJob, train};
+use std::sync::Arc;
+
+const STEPS: u64 = 150;
+
+fn config() -> TrainConfig {
+    let mut nets = NetsConfig::fast();
+    nets.disp = nets.disp.with_width(0.5);
+    TrainConfig {
+        width: SIZE.width,
+        height: SIZE.height,
+        steps: STEPS,
+        learning_rate: 2e-3,
+        warmup: 0,
+        log_every: 1,
+        validate_every: 1_000_000,
+        checkpoint_seconds: 1e9,
+        gap: GapConfig { fixed: 1, ..GapConfig::default() },
+        augment: AugmentConfig { mirror: 0.5, enlarge: 1.05, ..AugmentConfig::none() },
+        nets,
+        ..TrainConfig::fast()
+    }
+}
+
+/// A clip whose truth is its label.
+fn labelled(frames: usize) -> Clip {
+    let mut clip = room_clip(frames);
+    for frame in &mut clip.frames {
+        let known = frame.world_from_camera.take().zip(frame.depth.take());
+        frame.label = known.map(|(world_from_camera, depth)| Label { world_from_camera, depth });
+    }
+    clip
+}
+
+#[test]
+fn what_labels_say_is_learned() {
+    let config = config();
+    let data = SnippetDataset::new(vec![Arc::new(labelled(6))], 3, &config.gap, &mut NullSink).unwrap();
+    assert_eq!(data.labelled_frames(), 6);
+    let folder = tempfile::tempdir().unwrap();
+    let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
+    let (device, device_name) = (Device::flex(), "cpu".to_owned());
+    let job = TrainJob { config, data: Arc::new(data), validation: None, init: None, device, device_name };
+    train(&job, &run, &mut NullSink).unwrap();
+    let rows: Vec<Metrics> =
+        csv::Reader::from_path(run.root().join("metrics.csv")).unwrap().deserialize().map(Result::unwrap).collect();
+    let mean = |rows: &[Metrics], figure: fn(&Metrics) -> f32| {
+        rows.iter().map(|row| f64::from(figure(row))).sum::<f64>() / rows.len() as f64
+    };
+    for (name, figure) in
+        [("depth", (|row| row.label_depth) as fn(&Metrics) -> f32), ("motion", |row| row.label_motion)]
+    {
+        let (begin, end) = (mean(&rows[..5], figure), mean(&rows[rows.len() - 20..], figure));
+        eprintln!("{name}: {begin:.4} to {end:.4}");
+        assert!(end < 0.5 * begin, "{name}: {begin} to {end}");
+    }
+}
