@@ -175,6 +175,7 @@ fn batch(count: usize, size: Size, config: &ObjectiveConfig, device: &Device) ->
         depth_inputs: (0..3).map(|_| picture()).collect(),
         motion_inputs: (0..3).map(|_| picture()).collect(),
         stands: Tensor::zeros([count], device),
+        lessons: None,
     })
 }
 
