@@ -70,6 +70,15 @@ pub struct LossTerms {
     pub coverage: Tensor<1>,
 }
 
+impl LossTerms {
+    /// Nothing at all, beside `like`.
+    pub fn none<const D: usize>(like: &Tensor<D>) -> Self {
+        let zero = Tensor::<1>::zeros([1], (&like.device(), like.dtype()));
+        let [photometric, smoothness, mask, geometry, light, total, coverage] = std::array::from_fn(|_| zero.clone());
+        Self { photometric, smoothness, mask, geometry, light, total, coverage }
+    }
+}
+
 /// The objective of a batch.
 ///
 /// Scales are those of `prediction.disparities`; `batch.cameras` needs one level for each, or the first alone when all

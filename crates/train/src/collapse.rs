@@ -25,15 +25,20 @@ impl VitalSigns {
     /// # Shapes
     /// - `motion`: `[batch, sources, 6]`
     pub fn new(prediction: &Prediction, motion: Tensor<3>) -> Self {
-        let disparity: Tensor<2> = prediction.disparities[0].clone().detach().flatten(1, 3);
-        let mean = disparity.clone().mean_dim(1);
-        let deviation = (disparity - mean.clone()).square().mean_dim(1).sqrt();
         let motion = motion.detach();
+        // What is not predicted has not collapsed.
+        let whole: Tensor<1> = motion.ones_like().mean();
+        let depth_spread = prediction.disparities.first().map(|disparity| {
+            let disparity: Tensor<2> = disparity.clone().detach().flatten(1, 3);
+            let mean = disparity.clone().mean_dim(1);
+            let deviation = (disparity - mean.clone()).square().mean_dim(1).sqrt();
+            (deviation / mean).mean()
+        });
         let length = |first: usize| motion.clone().narrow(2, first, 3).square().sum_dim(2).sqrt().mean();
         let mask = prediction.masks.first().map(|mask| mask.clone().detach().mean());
         Self {
-            mask: mask.unwrap_or_else(|| mean.ones_like().mean()),
-            depth_spread: (deviation / mean).mean(),
+            mask: mask.unwrap_or_else(|| whole.clone()),
+            depth_spread: depth_spread.unwrap_or(whole),
             translation: length(0),
             rotation: length(3),
         }

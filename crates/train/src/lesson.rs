@@ -31,11 +31,13 @@ pub struct LessonConfig {
     /// Weight of the motions. Default 20: an error of a tenth of a usual motion, 0.005, then costs as much as one of a
     /// tenth of the depth.
     pub motion_weight: f64,
+    /// Whether the motion network alone learns, and from labels alone: many more steps in the same time. Default off.
+    pub motion_alone: bool,
 }
 
 impl Default for LessonConfig {
     fn default() -> Self {
-        Self { depth_weight: 1.0, motion_weight: 20.0 }
+        Self { depth_weight: 1.0, motion_weight: 20.0, motion_alone: false }
     }
 }
 

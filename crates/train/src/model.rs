@@ -51,18 +51,35 @@ impl DepthMotionModel {
         let seen = if with_source_depth { batch.depth_inputs.len() } else { 1 };
         let mut disparities = self.disparities(&batch.depth_inputs[..seen]).into_iter();
         let target = disparities.next().unwrap_or_default();
-        let motions = 0..self.pose.sources();
-        let transform = |source: usize| {
-            let motion: Tensor<2> = pose.motion.clone().narrow(1, source, 1).squeeze_dim(1);
-            source_from_target(motion, pose.rotation)
-        };
         let prediction = Prediction {
             disparities: target,
-            source_from_target: motions.map(transform).collect(),
+            source_from_target: self.transforms(&pose.motion),
             masks: pose.mask.map_or_else(Vec::new, Vec::from),
             source_disparities: disparities.collect(),
         };
         Output { prediction, motion: pose.motion }
+    }
+
+    /// Runs the motion network alone.
+    pub fn predict_motion(&self, batch: &SnippetBatch) -> Output {
+        let (target, sources) = (&batch.motion_inputs[0], &batch.motion_inputs[1..]);
+        let motion = self.pose.forward_motion(target.clone(), sources);
+        let prediction = Prediction {
+            disparities: Vec::new(),
+            source_from_target: self.transforms(&motion),
+            masks: Vec::new(),
+            source_disparities: Vec::new(),
+        };
+        Output { prediction, motion }
+    }
+
+    /// Of each source, `[batch, 3, 4]`.
+    fn transforms(&self, motion: &Tensor<3>) -> Vec<Tensor<3>> {
+        let transform = |source: usize| {
+            let motion: Tensor<2> = motion.clone().narrow(1, source, 1).squeeze_dim(1);
+            source_from_target(motion, self.pose.rotation())
+        };
+        (0..self.pose.sources()).map(transform).collect()
     }
 
     /// Disparities of several pictures in one go, each a list of scales.

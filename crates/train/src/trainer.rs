@@ -11,7 +11,7 @@ use crate::dataset::{DrawPlan, SnippetDataset};
 use crate::error::TrainError;
 use crate::lesson::LessonLoss;
 use crate::loader::{Loader, LoaderPlan};
-use crate::model::{Output, standing_motion};
+use crate::model::{DepthMotionModel, Output, standing_motion};
 use crate::optimizer::limit_gradient;
 use crate::run_folder::{RunFolder, RunManifest, Table};
 use crate::schedule::warmup_factor;
@@ -154,6 +154,12 @@ pub(crate) fn begin(
     events: &mut dyn EventSink,
 ) -> Result<Summary, TrainError> {
     job.config.validate()?;
+    if job.config.lesson.motion_alone && job.data.labelled_frames() == 0 {
+        return Err(TrainError::config(
+            "lesson.motion_alone",
+            "is on, but there are no labels; give them with --labels",
+        ));
+    }
     let device = job.device.clone().autodiff();
     let nets = &job.config.nets;
     let checkpoint = match &job.init {
@@ -317,8 +323,7 @@ impl<'a> Session<'a> {
     fn take_step(&mut self, batch: &SnippetBatch) -> StepTaken {
         let learning_rate = self.learning_rate();
         let model = self.state.model.clone();
-        let output = model.predict(batch, self.config.with_source_depth());
-        let mut terms = objective(&batch.views, &output.prediction, &self.config.objective);
+        let (output, mut terms) = self.look(&model, batch);
         let lesson = batch.lessons.as_ref().map(|lessons| lessons.loss(&output.prediction));
         if let Some(loss) = &lesson {
             terms.total = terms.total + loss.weighted(&self.config.lesson);
@@ -337,6 +342,18 @@ impl<'a> Session<'a> {
         recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
         StepTaken { terms, lesson, output, learning_rate }
+    }
+
+    /// What the networks say, and how well it explains the pictures; nothing of the latter where labels alone teach.
+    fn look(&self, model: &DepthMotionModel, batch: &SnippetBatch) -> (Output, LossTerms) {
+        if self.config.lesson.motion_alone {
+            let output = model.predict_motion(batch);
+            let none = LossTerms::none(&output.motion);
+            return (output, none);
+        }
+        let output = model.predict(batch, self.config.with_source_depth());
+        let terms = objective(&batch.views, &output.prediction, &self.config.objective);
+        (output, terms)
     }
 
     fn learning_rate(&self) -> f64 {
