@@ -4,13 +4,15 @@
 //! padding included, so items per second are comparable between methods. The method chosen is marked by a star.
 
 use divan::{Bencher, counter::ItemsCount};
-use endoscape_kernels::{Correlation, Epilogue, Geometry, GradientWorkspace, Level, Method, WeightGradient, Workspace};
+use endoscape_kernels::{
+    Correlation, Epilogue, Geometry, GradientWorkspace, Level, Method, WeightGradient, Workspace, awake,
+};
 use std::fmt;
 
 /// Name, channels of the large and the small picture, kernel, stride, rows and columns of the large one.
 type Layer = (&'static str, [usize; 2], usize, usize, [usize; 2]);
 
-const LAYERS: [Layer; 19] = [
+const LAYERS: [Layer; 25] = [
     ("disp conv1 7x7/2", [3, 32], 7, 2, [128, 416]),
     ("disp conv1b 7x7", [32, 32], 7, 1, [64, 208]),
     ("disp conv2 5x5/2", [32, 64], 5, 2, [64, 208]),
@@ -29,6 +31,12 @@ const LAYERS: [Layer; 19] = [
     ("disp iconv1 3x3", [17, 16], 3, 1, [128, 416]),
     ("disp head1 3x3", [16, 1], 3, 1, [128, 416]),
     ("pose conv1 7x7/2", [9, 16], 7, 2, [128, 416]),
+    ("pose conv2 5x5/2", [16, 32], 5, 2, [64, 208]),
+    ("pose conv3 3x3/2", [32, 64], 3, 2, [32, 104]),
+    ("pose conv4 3x3/2", [64, 128], 3, 2, [16, 52]),
+    ("pose conv5 3x3/2", [128, 256], 3, 2, [8, 26]),
+    ("pose conv6 3x3/2", [256, 256], 3, 2, [4, 13]),
+    ("pose conv7 3x3/2", [256, 256], 3, 2, [2, 7]),
     ("pose upconv1 4x4/2", [16, 32], 4, 2, [128, 416]),
 ];
 /// Pictures of a batch in training.
@@ -103,6 +111,30 @@ fn to_small(bencher: Bencher, case: &Case) {
     let Geometry { large_channels, small_channels, .. } = case.geometry;
     let lengths = [large_channels * case.geometry.large_area(), small_channels * case.geometry.small_area()];
     correlate(bencher, case, Correlation::to_small(&case.geometry, Level::default()), lengths);
+}
+
+/// All layers of the motion network one after the other, on threads that are kept awake: a pass without its head.
+#[divan::bench(sample_count = 200, sample_size = 1)]
+fn motion_pass(bencher: Bencher) {
+    let convolution = |geometry: Geometry| {
+        let correlation = Correlation::to_small(&geometry, Level::default());
+        let packed = correlation.pack(&vec![0.01; geometry.weights()]);
+        (correlation, packed, vec![0.0; geometry.small_channels * geometry.small_area()])
+    };
+    let layers = LAYERS.into_iter().filter(|(name, ..)| name.starts_with("pose conv")).map(geometry_of);
+    let mut layers: Vec<_> = layers.map(convolution).collect();
+    let (picture, mut workspace) = (vec![0.5; 9 * 128 * 416], Workspace::default());
+    let operations = layers.iter().map(|(correlation, ..)| correlation.geometry().operations()).sum::<usize>();
+    let epilogue = Epilogue { bias: None, relu: true };
+    bencher.counter(ItemsCount::new(operations)).bench_local(|| {
+        awake(|| {
+            let mut input = picture.as_slice();
+            for (correlation, packed, output) in &mut layers {
+                correlation.run(input, packed, epilogue, output, &mut workspace);
+                input = output;
+            }
+        });
+    });
 }
 
 /// From the small to the large picture: its data gradient, or a transposed convolution.

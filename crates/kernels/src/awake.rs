@@ -1,19 +1,36 @@
 //! Keeping the threads of the pool awake.
 
 use rayon::Yield;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// How long a thread without work waits before it may fall asleep after all.
 const PATIENCE: Duration = Duration::from_micros(200);
+/// How many works of callers from outside the pool are underway.
+static UNDERWAY: AtomicUsize = AtomicUsize::new(0);
 
 /// Does work of many small parallel parts on a thread of the pool, whose other threads stay awake between the parts.
 ///
 /// Threads without work fall asleep within microseconds, and waking one takes longer than a small layer. A thread that
-/// finds nothing to do for a while sleeps all the same, so that nobody waits for it. Calls may be nested: the inner one
-/// wakes threads that have fallen asleep since. Burn keeps one graph of gradients per thread, so a pass forward in here
-/// and its pass backward belong into the same call.
+/// finds nothing to do for a while sleeps all the same, so that nobody waits for it. After the work of a caller from
+/// outside the pool its threads stay awake for that while too, leaving their core to whoever wants it: the next work
+/// often follows at once. Calls may be nested: the inner one wakes threads that have fallen asleep since. Burn keeps one
+/// graph of gradients per thread, so a pass forward in here and its pass backward belong into the same call.
 pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    if rayon::current_thread_index().is_some() {
+        return among_the_awake(work);
+    }
+    rayon::scope(|_| {
+        UNDERWAY.fetch_add(1, Ordering::AcqRel);
+        let result = among_the_awake(work);
+        UNDERWAY.fetch_sub(1, Ordering::AcqRel);
+        let until = Instant::now() + PATIENCE;
+        (0..rayon::current_num_threads()).for_each(|_| rayon::spawn(move || linger(until)));
+        result
+    })
+}
+
+fn among_the_awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     let done = &AtomicBool::new(false);
     rayon::scope(|scope| {
         let own = rayon::current_thread_index();
@@ -29,6 +46,16 @@ pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
         done.store(true, Ordering::Release);
         result
     })
+}
+
+/// Waits for the next work, which somebody who waits for parts of it must not be kept from.
+fn linger(until: Instant) {
+    while UNDERWAY.load(Ordering::Acquire) == 0 && Instant::now() < until {
+        if matches!(rayon::yield_now(), Some(Yield::Executed)) {
+            return;
+        }
+        std::thread::yield_now();
+    }
 }
 
 fn wait_until(done: &AtomicBool) {
@@ -55,5 +82,22 @@ mod tests {
             assert_eq!(pool.install(nested), (499_500, 499_500));
         }
         assert_eq!(awake(|| rayon::join(|| awake(sum), sum)), (499_500, 499_500));
+    }
+
+    #[test]
+    fn works_may_follow_each_other_at_once_and_come_from_several_callers() {
+        let sums = || (0..200_u64).map(|first| awake(|| (first..1000).into_par_iter().sum::<u64>())).sum::<u64>();
+        let expected = (0..200_u64).map(|first| (first..1000).sum::<u64>()).sum::<u64>();
+        std::thread::scope(|scope| {
+            let callers = [scope.spawn(sums), scope.spawn(sums)];
+            assert!(callers.into_iter().all(|caller| caller.join().unwrap() == expected));
+        });
+    }
+
+    #[test]
+    fn nobody_lingers_for_ever() {
+        let begun = Instant::now();
+        linger(begun + PATIENCE);
+        assert!(begun.elapsed() < 1000 * PATIENCE);
     }
 }

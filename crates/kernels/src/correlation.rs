@@ -3,13 +3,15 @@
 //! Both directions of a convolution become the same sum (`shape.rs`). The input is laid out with zeros around it
 //! (`planes.rs`), so that a tap is a constant offset from a position. Going from the small to the large picture with
 //! stride 2, output pixels of even and odd rows and columns see different taps: they are four passes over the same
-//! input, whose results are interleaved when they are stored. There are two ways to compute the sums:
+//! input, whose results are interleaved when they are stored. There are three ways to compute the sums:
 //!
 //! - directly (`direct.rs`): a panel of output channels and a tile of pixels at a time, each sum in registers from its
 //!   first product to its last;
+//! - directly as well, but with vectors along channels in the place of pixels (`deep.rs`);
 //! - by Winograd's filtering (`winograd.rs`): tiles of 6 x 6 or 8 x 8 input pixels become as many numbers whose
 //!   products with transformed weights need up to five times fewer multiplications.
 
+mod deep;
 mod direct;
 mod pieces;
 mod shape;
@@ -18,7 +20,7 @@ mod winograd;
 use crate::geometry::Geometry;
 use crate::level::Level;
 use crate::memory::at_least;
-use pieces::Panel;
+use pieces::{Panel, Task};
 use rayon::prelude::*;
 use shape::Shape;
 
@@ -54,6 +56,8 @@ pub struct PackedWeights {
 pub enum Method {
     /// Product by product.
     Direct,
+    /// Product by product, with vectors along output channels, for few pixels with many channels.
+    Deep,
     /// By Winograd's filtering of tiles of 6 x 6 pixels.
     Winograd6,
     /// By Winograd's filtering of tiles of 8 x 8 pixels.
@@ -62,12 +66,12 @@ pub enum Method {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Direct, Self::Winograd6, Self::Winograd8];
+    pub const ALL: [Self; 4] = [Self::Direct, Self::Deep, Self::Winograd6, Self::Winograd8];
 
     /// Pairs of points that Winograd's filtering uses.
     pub(crate) fn pairs(self) -> Option<usize> {
         match self {
-            Self::Direct => None,
+            Self::Direct | Self::Deep => None,
             Self::Winograd6 => Some(2),
             Self::Winograd8 => Some(3),
         }
@@ -86,7 +90,36 @@ pub struct Correlation {
 #[derive(Clone, Debug)]
 enum Plan {
     Direct(direct::Plan),
+    Deep(deep::Plan),
     Winograd(winograd::Plan),
+}
+
+impl Plan {
+    /// `None` where the method cannot compute the product.
+    fn new(shape: &Shape, method: Method) -> Option<Self> {
+        match method {
+            Method::Direct => Some(Self::Direct(direct::Plan::new(shape))),
+            Method::Deep => deep::Plan::new(shape).map(Self::Deep),
+            Method::Winograd6 | Method::Winograd8 => winograd::Plan::new(shape, method).map(Self::Winograd),
+        }
+    }
+
+    /// About how long it takes, in multiplications.
+    fn cost(&self, shape: &Shape, level: Level) -> f64 {
+        match self {
+            Self::Direct(plan) => plan.cost(shape, level),
+            Self::Deep(plan) => plan.cost(shape, level),
+            Self::Winograd(plan) => plan.cost(shape),
+        }
+    }
+
+    /// Numbers in the weights of an output channel.
+    fn weights_of_a_channel(&self, shape: &Shape) -> usize {
+        match self {
+            Self::Direct(plan) | Self::Deep(deep::Plan { direct: plan, .. }) => plan.weights_of_a_channel(shape),
+            Self::Winograd(plan) => plan.weights_of_a_channel(shape),
+        }
+    }
 }
 
 impl Correlation {
@@ -102,24 +135,24 @@ impl Correlation {
 
     fn fastest(shape: Shape, level: Level) -> Self {
         assert!(matches!(shape.geometry.stride, 1 | 2), "strides are 1 or 2");
-        let direct = direct::Plan::new(&shape);
-        let (mut least, mut method) = (direct.cost(&shape), Method::Direct);
-        for winograd in [Method::Winograd6, Method::Winograd8] {
-            let cost = winograd::Plan::new(&shape, winograd).map_or(f64::INFINITY, |plan| plan.cost(&shape));
+        let (mut least, mut fastest) = (f64::INFINITY, (Method::Direct, Plan::Direct(direct::Plan::new(&shape))));
+        for method in Method::ALL {
+            let Some(plan) = Plan::new(&shape, method) else { continue };
+            let cost = plan.cost(&shape, level);
             if cost < least {
-                (least, method) = (cost, winograd);
+                (least, fastest) = (cost, (method, plan));
             }
         }
-        Self { level, shape, method: Method::Direct, plan: Plan::Direct(direct) }.by(method)
+        Self { level, shape, method: fastest.0, plan: fastest.1 }
     }
 
-    /// The same product by another method; directly where that one's tiles are too small for the kernel, or the kernel
-    /// is a single tap.
+    /// The same product by another method; by the one it has where that one cannot compute it.
+    #[must_use]
     pub fn by(self, method: Method) -> Self {
-        let winograd = winograd::Plan::new(&self.shape, method).map(Plan::Winograd);
-        let method = if winograd.is_some() { method } else { Method::Direct };
-        let plan = winograd.unwrap_or_else(|| Plan::Direct(direct::Plan::new(&self.shape)));
-        Self { method, plan, ..self }
+        match Plan::new(&self.shape, method) {
+            Some(plan) => Self { method, plan, ..self },
+            None => self,
+        }
     }
 
     /// The convolution's sizes.
@@ -149,7 +182,10 @@ impl Correlation {
     pub fn pack_into(&self, weights: &[f32], packed: &mut PackedWeights) {
         assert_eq!(weights.len(), self.shape.geometry.weights(), "weights of {:?}", self.shape.geometry);
         let of_a_channel = self.weights_of_a_channel();
-        packed.panels = pieces::panels(self.shape.outputs, self.level.panel_widths(), of_a_channel);
+        packed.panels = match &self.plan {
+            Plan::Deep(_) => pieces::panels(self.shape.outputs, &[deep::Plan::width(self.level)], of_a_channel),
+            _ => pieces::panels(self.shape.outputs, self.level.panel_widths(), of_a_channel),
+        };
         packed.length = self.packed_length(packed);
         let mut rest = at_least(&mut packed.values, packed.length);
         let mut parts = Vec::with_capacity(packed.panels.len());
@@ -159,7 +195,9 @@ impl Correlation {
             rest = after;
         }
         parts.into_par_iter().for_each(|(panel, part)| match &self.plan {
-            Plan::Direct(plan) => plan.pack(&self.shape, weights, panel, part),
+            Plan::Direct(plan) | Plan::Deep(deep::Plan { direct: plan, .. }) => {
+                plan.pack(&self.shape, weights, panel, part);
+            }
             Plan::Winograd(plan) => {
                 self.level.run(winograd::Pack { plan, shape: &self.shape, weights, panel, values: part });
             }
@@ -167,10 +205,7 @@ impl Correlation {
     }
 
     fn weights_of_a_channel(&self) -> usize {
-        match &self.plan {
-            Plan::Direct(plan) => plan.weights_of_a_channel(&self.shape),
-            Plan::Winograd(plan) => plan.weights_of_a_channel(&self.shape),
-        }
+        self.plan.weights_of_a_channel(&self.shape)
     }
 
     fn packed_length(&self, packed: &PackedWeights) -> usize {
@@ -198,24 +233,36 @@ impl Correlation {
         assert_eq!(output.len(), input.len() / from * to, "output of {:?}", self.shape.geometry);
         assert_eq!(weights.length, self.packed_length(weights), "weights of {:?}", self.shape.geometry);
         let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
+        let operations = pictures * shape.geometry.operations();
+        if let Plan::Direct(plan) | Plan::Deep(deep::Plan { direct: plan, .. }) = &self.plan {
+            plan.source.fill(level, input, &mut workspace.planes);
+        }
+        let source = workspace.planes.as_slice();
         match &self.plan {
             Plan::Direct(plan) => {
-                plan.source.fill(level, input, &mut workspace.planes);
-                let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
+                let work = direct::Work { shape, plan, source, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                let run = |task| level.run(direct::Run { work: &work, task });
-                if pictures * shape.geometry.operations() < WORTH_SHARING {
-                    tasks.into_iter().for_each(run);
-                } else {
-                    tasks.into_par_iter().for_each(run);
-                }
+                share(operations, tasks, |task| level.run(direct::Run { work: &work, task }));
+            }
+            Plan::Deep(plan) => {
+                let work = deep::Work { shape, plan, source, weights, epilogue };
+                let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
+                share(operations, tasks, |task| level.run(deep::Run { work: &work, task }));
             }
             Plan::Winograd(plan) => {
-                plan.source.fill(level, input, &mut workspace.planes);
-                let work = winograd::Work { shape, plan, source: &workspace.planes, weights, epilogue };
+                let work = winograd::Work { shape, plan, level, pictures: input, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                tasks.into_par_iter().for_each(|task| level.run(winograd::Run { work: &work, task }));
+                share(operations, tasks, |task| level.run(winograd::Run { work: &work, task }));
             }
         }
+    }
+}
+
+/// Does all tasks, on several threads if that is worth it.
+fn share<'a>(operations: usize, tasks: Vec<Task<'a>>, run: impl Fn(Task<'a>) + Sync + Send) {
+    if operations < WORTH_SHARING {
+        tasks.into_iter().for_each(run);
+    } else {
+        tasks.into_par_iter().for_each(run);
     }
 }

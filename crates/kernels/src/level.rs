@@ -53,6 +53,24 @@ impl Level {
         self.0.dispatch(op)
     }
 
+    /// Rows to columns, in registers.
+    #[inline(always)]
+    pub(crate) fn transposed(self, rows: [&[f32; 8]; 8]) -> [[f32; 8]; 8] {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Arch::V3(simd) => transposed_by_avx(simd, rows),
+            #[cfg(target_arch = "x86_64")]
+            Arch::V4(simd) => transposed_by_avx(*simd, rows),
+            _ => {
+                let mut columns = [[0.0; 8]; 8];
+                for (index, value) in columns.as_flattened_mut().iter_mut().enumerate() {
+                    *value = rows[index % 8][index / 8];
+                }
+                columns
+            }
+        }
+    }
+
     /// Channels that are computed side by side: what fits the registers beside the pixels and a weight.
     pub(crate) fn panel_widths(self) -> &'static [usize] {
         match self.name() {
@@ -60,6 +78,34 @@ impl Level {
             _ => &[4, 1],
         }
     }
+}
+
+/// Pairs of rows, then fours, then eights; compilers go through memory instead, in pieces that wait for each other.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn transposed_by_avx(simd: pulp::x86::V3, block: [&[f32; 8]; 8]) -> [[f32; 8]; 8] {
+    let avx = simd.avx;
+    let mut rows = [avx._mm256_setzero_ps(); 8];
+    rows.iter_mut().zip(block).for_each(|(row, numbers)| *row = pulp::cast(*numbers));
+    let (mut pairs, mut fours, mut columns) = (rows, rows, rows);
+    for pair in 0..4 {
+        let [upper, lower] = [rows[2 * pair], rows[2 * pair + 1]];
+        pairs[2 * pair] = avx._mm256_unpacklo_ps(upper, lower);
+        pairs[2 * pair + 1] = avx._mm256_unpackhi_ps(upper, lower);
+    }
+    for index in 0..4 {
+        let first = index / 2 * 4 + index % 2;
+        let [upper, lower] = [pairs[first], pairs[first + 2]];
+        let place = index / 2 * 4 + index % 2 * 2;
+        fours[place] = avx._mm256_shuffle_ps::<0x44>(upper, lower);
+        fours[place + 1] = avx._mm256_shuffle_ps::<0xee>(upper, lower);
+    }
+    for column in 0..4 {
+        let [upper, lower] = [fours[column], fours[column + 4]];
+        columns[column] = avx._mm256_permute2f128_ps::<0x20>(upper, lower);
+        columns[column + 4] = avx._mm256_permute2f128_ps::<0x31>(upper, lower);
+    }
+    pulp::cast(columns)
 }
 
 /// Counts the numbers of a vector.

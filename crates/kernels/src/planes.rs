@@ -22,7 +22,7 @@ pub struct Planes {
     size: [usize; 2],
     /// Rows and columns of zeros before the picture.
     before: [usize; 2],
-    /// Pixels from a position to the next.
+    /// Pixels from a position to the next: 1 or 2.
     phases: usize,
     /// Numbers from a row to the next.
     pub row_stride: usize,
@@ -68,31 +68,28 @@ impl Planes {
     #[inline(always)]
     fn fill_phase(&self, [phase_row, phase_column]: [usize; 2], picture: &[f32], plane: &mut [f32]) {
         let [height, width] = self.size;
-        // The first column of the phase that lies inside the picture, and where that is.
-        let first = self.before[1].saturating_sub(phase_column).div_ceil(self.phases);
-        let start = (first * self.phases + phase_column) - self.before[1];
-        let count = width.saturating_sub(start).div_ceil(self.phases).min(self.row_stride - first);
         for (row, line) in plane.chunks_exact_mut(self.row_stride).enumerate() {
             let y = (row * self.phases + phase_row).checked_sub(self.before[0]).filter(|y| *y < height);
-            let Some(y) = y else {
-                line.fill(0.0);
-                continue;
-            };
-            let source = &picture[y * width..][..width];
-            line[..first].fill(0.0);
-            line[first + count..].fill(0.0);
-            let inside = &mut line[first..first + count];
-            // A phase may have no pixel at all in a small picture.
-            let pixels = source.get(start..).unwrap_or(&[]);
-            match self.phases {
-                1 => inside.copy_from_slice(&pixels[..count]),
-                2 => take_every::<2>(inside, pixels),
-                4 => take_every::<4>(inside, pixels),
-                6 => take_every::<6>(inside, pixels),
-                10 => take_every::<10>(inside, pixels),
-                phases => inside.iter_mut().zip(pixels.iter().step_by(phases)).for_each(|(to, from)| *to = *from),
+            match y {
+                Some(y) => self.fill_line(phase_column, &picture[y * width..][..width], line),
+                None => line.fill(0.0),
             }
         }
+    }
+
+    /// A row of one phase of columns.
+    #[inline(always)]
+    fn fill_line(&self, phase: usize, pixels: &[f32], line: &mut [f32]) {
+        // The first column of the phase that lies inside the picture, and where that is.
+        let first = self.before[1].saturating_sub(phase).div_ceil(self.phases);
+        let start = (first * self.phases + phase) - self.before[1];
+        let count = pixels.len().saturating_sub(start).div_ceil(self.phases).min(self.row_stride - first);
+        line[..first].fill(0.0);
+        line[first + count..].fill(0.0);
+        let inside = &mut line[first..first + count];
+        // A phase may have no pixel at all in a small picture.
+        let pixels = pixels.get(start..).unwrap_or(&[]);
+        if self.phases == 1 { inside.copy_from_slice(&pixels[..count]) } else { take_every_other(inside, pixels) }
     }
 }
 
@@ -115,12 +112,12 @@ impl WithSimd for Fill<'_> {
     }
 }
 
-/// Takes the first of each `STEP` pixels, in whole groups, which vectors can take apart; the last may be shorter.
+/// Takes the first of each two pixels; the last may have no partner.
 #[inline(always)]
-fn take_every<const STEP: usize>(to: &mut [f32], from: &[f32]) {
-    let (groups, rest) = from.as_chunks::<STEP>();
-    to.iter_mut().zip(groups).for_each(|(to, group)| *to = group[0]);
-    if let (Some(to), Some(from)) = (to.get_mut(groups.len()), rest.first()) {
+fn take_every_other(to: &mut [f32], from: &[f32]) {
+    let (pairs, rest) = from.as_chunks::<2>();
+    to.iter_mut().zip(pairs).for_each(|(to, pair)| *to = pair[0]);
+    if let (Some(to), Some(from)) = (to.get_mut(pairs.len()), rest.first()) {
         *to = *from;
     }
 }

@@ -1,7 +1,7 @@
 //! Matrices turned over.
 
 /// Rows and columns that are turned over at once, in registers.
-const BLOCK: usize = 8;
+pub const BLOCK: usize = 8;
 /// Columns whose rows are all turned over before the next ones: those of whole cache lines, which are then read once.
 const STRIP: usize = 16;
 

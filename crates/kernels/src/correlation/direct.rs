@@ -3,6 +3,7 @@
 use super::pieces::{Cut, Panel, Segment, Task};
 use super::shape::Shape;
 use super::{Epilogue, PackedWeights};
+use crate::level::Level;
 use crate::planes::Planes;
 use crate::tile::{self, MAX_CHANNELS, MAX_PIXELS};
 use crate::transpose::transpose;
@@ -40,14 +41,23 @@ impl Plan {
         self.passes.iter().map(|(offsets, _)| offsets.len()).sum()
     }
 
+    /// Where the taps of a pass lie.
+    pub fn taps_of_a_pass(&self, pass: usize) -> &[usize] {
+        &self.passes[pass].0
+    }
+
     /// Numbers in the weights of an output channel.
     pub fn weights_of_a_channel(&self, shape: &Shape) -> usize {
         self.taps() * shape.inputs
     }
 
-    /// Multiplications, those at the ends of rows that are thrown away included.
-    pub fn cost(&self, shape: &Shape) -> f64 {
-        (shape.grid[0] * self.source.row_stride * self.taps() * shape.inputs * shape.outputs) as f64
+    /// Multiplications, those at the ends of rows and vectors that are thrown away included; a single vector has too few
+    /// sums for each weight that is read.
+    pub fn cost(&self, shape: &Shape, level: Level) -> f64 {
+        let positions = shape.grid[0] * self.source.row_stride;
+        let slowness = if positions <= level.lanes() { 1.25 } else { 1.0 };
+        let positions = positions.next_multiple_of(level.lanes());
+        slowness * (positions * self.taps() * shape.inputs * shape.outputs) as f64
     }
 
     /// Weights of a panel: for each pass, `[input channel][tap][channel]`.
@@ -96,17 +106,15 @@ impl Work<'_> {
         if many && picture <= 2 * WINDOW {
             let segments_per_task = (2 * WINDOW / picture.max(1)).clamp(1, pictures);
             let panels_per_task = PANELS_OF_MANY.min(panels);
-            return Cut { rows: grid_rows, lines_per_row, grid_rows, segments_per_task, panels_per_task };
+            return Cut { pieces: 1, lines_per_row, grid_rows, segments_per_task, panels_per_task };
         }
         let of_a_row = (source.channels * source.row_stride * self.shape.geometry.stride).max(1);
         let wanted = (WINDOW / of_a_row).max(MAX_PIXELS / source.row_stride + 1);
         // Equal pieces, and at least a few of them.
         let pieces = grid_rows.div_ceil(wanted).max(4_usize.div_ceil(pictures).min(grid_rows));
-        let rows = grid_rows.div_ceil(pieces);
-        let segments = pictures * grid_rows.div_ceil(rows);
-        let groups = (4 * rayon::current_num_threads()).div_ceil(segments).min(panels);
+        let groups = (4 * rayon::current_num_threads()).div_ceil(pictures * pieces).min(panels);
         let panels_per_task = panels.div_ceil(groups.max(1));
-        Cut { rows, lines_per_row, grid_rows, segments_per_task: 1, panels_per_task }
+        Cut { pieces, lines_per_row, grid_rows, segments_per_task: 1, panels_per_task }
     }
 }
 

@@ -28,8 +28,8 @@ pub fn panels(channels: usize, widths: &[usize], weights: usize) -> Vec<Panel> {
 
 /// How a product is cut.
 pub struct Cut {
-    /// Rows of positions that lie together, and the rows of the output that belong to one of them.
-    pub rows: usize,
+    /// Pieces of a picture, of whole rows of positions, and the rows of the output that belong to one of those.
+    pub pieces: usize,
     pub lines_per_row: usize,
     /// Rows of positions of a picture.
     pub grid_rows: usize,
@@ -54,12 +54,17 @@ pub struct Segment<'a> {
 }
 
 impl Cut {
+    /// Where a piece of a picture begins: they differ by one row at most.
+    fn first_row(&self, piece: usize) -> usize {
+        let (rows, longer) = (self.grid_rows / self.pieces, self.grid_rows % self.pieces);
+        piece * rows + piece.min(longer)
+    }
+
     /// Pieces that together write all of `output`.
     pub fn tasks<'a>(&self, shape: &Shape, panels: &[Panel], output: &'a mut [f32]) -> Vec<Task<'a>> {
-        let Self { rows, lines_per_row, grid_rows, segments_per_task, panels_per_task } = *self;
+        let Self { pieces: per_picture, lines_per_row, segments_per_task, panels_per_task, .. } = *self;
         let pictures = output.len() / shape.output_length().max(1);
         let width = panels.first().map_or(1, |panel| panel.width);
-        let per_picture = grid_rows.div_ceil(rows);
         let segment_groups = (pictures * per_picture).div_ceil(segments_per_task);
         let panel_groups = panels.len().div_ceil(panels_per_task);
         let task = |index: usize| {
@@ -68,8 +73,8 @@ impl Cut {
                 segments * segments_per_task..((segments + 1) * segments_per_task).min(pictures * per_picture);
             let panels = group * panels_per_task..((group + 1) * panels_per_task).min(panels.len());
             let segment = |segment: usize| {
-                let first_row = segment % per_picture * rows;
-                let rows = rows.min(grid_rows - first_row);
+                let first_row = self.first_row(segment % per_picture);
+                let rows = self.first_row(segment % per_picture + 1) - first_row;
                 let channels = Vec::with_capacity(panels.len() * width);
                 Segment { picture: segment / per_picture, first_row, rows, channels }
             };
@@ -78,7 +83,13 @@ impl Cut {
         let mut tasks: Vec<Task<'a>> = (0..segment_groups * panel_groups).map(task).collect();
         for (index, plane) in output.chunks_mut(shape.size[0] * shape.size[1]).enumerate() {
             let (picture, channel) = (index / shape.outputs, index % shape.outputs);
-            for (piece, lines) in plane.chunks_mut(rows * lines_per_row * shape.size[1]).enumerate() {
+            let mut rest = plane;
+            for piece in 0..per_picture {
+                let rows = self.first_row(piece + 1) - self.first_row(piece);
+                // The last rows of positions may lie beyond the picture.
+                let length = (rows * lines_per_row * shape.size[1]).min(rest.len());
+                let (lines, after) = rest.split_at_mut(length);
+                rest = after;
                 let segment = picture * per_picture + piece;
                 let group = segment / segments_per_task * panel_groups + channel / width / panels_per_task;
                 tasks[group].segments[segment % segments_per_task].channels.push(lines);

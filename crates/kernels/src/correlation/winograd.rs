@@ -1,12 +1,12 @@
 //! Sums computed by Winograd's filtering ([`crate::points`]).
 //!
 //! A tile of `n x n` positions' input (`n` points) gives `m x m` outputs, `m = n + 1 - k`. Tiles side by side are `m`
-//! positions apart, so input planes are kept apart by phases of `m` positions and vectors run over tiles. Where the
-//! input has a step of 2, its four phases are channels of their own with kernels half as large; where the output
-//! has a spread of 2, its passes are.
+//! positions apart, and vectors run over tiles. Where the input has a step of 2, its four phases are channels of their
+//! own with kernels half as large; where the output has a spread of 2, its passes are.
 //!
-//! A piece of work goes through its tiles a few vectors at a time: transforms their inputs, `[point][channel][tile]`;
-//! then, a panel of outputs at a time, multiplies by the weights, `[point][channel][output]`, for each point a product
+//! A piece of work goes through its tiles a few vectors at a time: transforms their inputs, `[point][channel][tile]`, first
+//! along columns, with vectors along the picture's rows, then along rows, whose pixels are dealt out to their places in
+//! the tiles before; then, a panel of outputs at a time, multiplies by the weights, `[point][channel][output]`, for each point a product
 //! of matrices, and transforms back.
 
 mod pack;
@@ -15,14 +15,18 @@ mod tiles;
 use super::pieces::{Cut, Panel, Task};
 use super::shape::Shape;
 use super::{Epilogue, Method, PackedWeights};
-use crate::planes::Planes;
+use crate::level::Level;
+use crate::memory::at_least;
 use crate::tile::{self, MAX_CHANNELS};
+use crate::transpose::BLOCK;
 pub use pack::Pack;
 use pulp::{Simd, WithSimd};
 use std::cell::Cell;
 
 /// Most vectors of tiles at a time.
 const VECTORS: usize = 3;
+/// Places for tiles a chunk may look at, those beyond its last ones included.
+const DEALT: usize = VECTORS * 16 + BLOCK;
 /// Numbers of transformed input to keep in the second level cache, from where each panel reads them.
 const INPUTS: usize = 150 * 1024;
 /// Tiles of a piece of work, about: enough to use every vector, few enough that there are several pieces.
@@ -39,11 +43,16 @@ pub struct Plan {
     points: usize,
     kernel: usize,
     outputs: usize,
-    pub source: Planes,
+    /// Channels of the input, phases counted apart.
+    channels: usize,
+    /// Pixels of the input from a tile to the next.
+    pitch: usize,
     /// Tiles: rows and columns.
     tiles: [usize; 2],
-    /// For each phase of the input, where the pixels of a tile lie.
-    offsets: Vec<Vec<usize>>,
+    /// Places for tiles in a row: the last tile sees pixels of those beyond.
+    row_stride: usize,
+    /// For each phase of the input's columns, where the pixels of a row of a tile are dealt to.
+    columns: Vec<Vec<usize>>,
 }
 
 impl Plan {
@@ -57,37 +66,46 @@ impl Plan {
             return None;
         }
         let tiles = shape.grid.map(|length| length.div_ceil(outputs));
-        let phases = shape.step * outputs;
-        let beyond = (shape.step * points - 1) / phases;
-        let source = Planes::new(shape.inputs, shape.from, shape.before, phases, tiles.map(|length| length + beyond));
-        let offset = |phase: usize, pixel: usize| {
-            let row = shape.step * (pixel / points) + phase / shape.step;
-            source.offset(row, shape.step * (pixel % points) + phase % shape.step)
-        };
-        let of_phase = |phase: usize| (0..points * points).map(|pixel| offset(phase, pixel)).collect();
-        let offsets = (0..shape.step * shape.step).map(of_phase).collect();
-        Some(Self { pairs, points, kernel, outputs, source, tiles, offsets })
+        let pitch = shape.step * outputs;
+        let place = |pixel: usize| pixel % pitch * DEALT + pixel / pitch;
+        let of_phase = |phase: usize| (0..points).map(|point| place(shape.step * point + phase)).collect();
+        Some(Self {
+            pairs,
+            points,
+            kernel,
+            outputs,
+            channels: shape.inputs * shape.step * shape.step,
+            pitch,
+            tiles,
+            row_stride: tiles[1] + (shape.step * points - 1) / pitch,
+            columns: (0..shape.step).map(of_phase).collect(),
+        })
     }
 
     fn pixels(&self) -> usize {
         self.points * self.points
     }
 
-    /// Channels of the input, phases counted apart.
-    fn channels(&self) -> usize {
-        self.source.channels * self.offsets.len()
+    /// Tiles a row has room for beyond its last one.
+    fn beyond(&self) -> usize {
+        self.row_stride - self.tiles[1]
+    }
+
+    /// Numbers from a row of a chunk's pixels to the next: what the last block is dealt from may begin in the last tile.
+    fn line_stride(&self) -> usize {
+        DEALT * self.pitch + BLOCK
     }
 
     /// Numbers in the weights of an output channel.
     pub fn weights_of_a_channel(&self, shape: &Shape) -> usize {
-        shape.passes.len() * self.pixels() * self.channels()
+        shape.passes.len() * self.pixels() * self.channels
     }
 
     /// In multiplications, about: those of the filtering, what the transforms cost beside them, and reading weights,
     /// which are many times as many as the taps; factors were fitted to measured times.
     pub fn cost(&self, shape: &Shape) -> f64 {
-        let tiles = (self.tiles[0] * self.source.row_stride) as f64;
-        let (inputs, outputs) = (self.channels() as f64, (shape.outputs * shape.passes.len()) as f64);
+        let tiles = (self.tiles[0] * self.row_stride) as f64;
+        let (inputs, outputs) = (self.channels as f64, (shape.outputs * shape.passes.len()) as f64);
         let points = self.pixels() as f64;
         let weights = points * inputs * outputs;
         tiles * (1.1 * weights + 25.0 * points * (inputs + outputs)) + 40.0 * weights
@@ -98,22 +116,22 @@ impl Plan {
 pub struct Work<'a> {
     pub shape: &'a Shape,
     pub plan: &'a Plan,
-    pub source: &'a [f32],
+    pub level: Level,
+    /// The pictures as they are.
+    pub pictures: &'a [f32],
     pub weights: &'a PackedWeights,
     pub epilogue: Epilogue<'a>,
 }
 
 impl Work<'_> {
     pub fn cut(&self, pictures: usize) -> Cut {
-        let Plan { tiles, outputs, source, .. } = self.plan;
+        let Plan { tiles, outputs, row_stride, .. } = self.plan;
         let panels = self.weights.panels.len();
         let wanted = 2 * rayon::current_num_threads();
-        let pieces = tiles[0].div_ceil((TILES / source.row_stride).max(1)).max(wanted.div_ceil(pictures).min(tiles[0]));
-        let rows = tiles[0].div_ceil(pieces);
-        let segments = pictures * tiles[0].div_ceil(rows);
-        let groups = wanted.div_ceil(segments).min(panels.div_ceil(PANELS));
+        let pieces = tiles[0].div_ceil((TILES / row_stride).max(1)).max(wanted.div_ceil(pictures).min(tiles[0]));
+        let groups = wanted.div_ceil(pictures * pieces).min(panels.div_ceil(PANELS));
         Cut {
-            rows,
+            pieces,
             lines_per_row: outputs * self.shape.spread,
             grid_rows: tiles[0],
             segments_per_task: 1,
@@ -142,19 +160,19 @@ impl WithSimd for Run<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let plan = self.work.plan;
-        let of_a_vector = plan.pixels() * plan.channels() * S::F32_LANES;
+        let of_a_vector = plan.pixels() * plan.channels * S::F32_LANES;
         let vectors = (INPUTS / of_a_vector).clamp(1, VECTORS);
         let points = plan.pixels() * vectors * S::F32_LANES;
         let lengths = [vectors * of_a_vector + plan.pixels() * LINE, MAX_CHANNELS * (points + LINE), points];
+        let [of_lines, dealt] = [plan.points * plan.line_stride(), plan.pitch * DEALT];
         // Not lent to a closure: that would be compiled without the wide vectors.
         let mut scratch = SCRATCH.take();
-        let length: usize = lengths.iter().sum();
-        if scratch.len() < length {
-            scratch.resize(length, 0.0);
-        }
-        let (inputs, rest) = scratch.split_at_mut(lengths[0]);
-        let (products, pixels) = rest.split_at_mut(lengths[1]);
-        let mut strip = Strip { work: self.work, task: self.task, inputs, products, pixels };
+        let memory = at_least(&mut scratch, lengths.iter().sum::<usize>() + of_lines + dealt);
+        let (inputs, rest) = memory.split_at_mut(lengths[0]);
+        let (products, rest) = rest.split_at_mut(lengths[1]);
+        let (pixels, rest) = rest.split_at_mut(lengths[2]);
+        let (lines, dealt) = rest.split_at_mut(of_lines);
+        let mut strip = Strip { work: self.work, task: self.task, inputs, products, pixels, lines, dealt };
         strip.run(simd, vectors);
         SCRATCH.set(scratch);
     }
@@ -170,6 +188,9 @@ struct Strip<'a, 'b, 's> {
     products: &'s mut [f32],
     /// Results of one channel and pass, `[pixel][tile]`.
     pixels: &'s mut [f32],
+    /// Rows of points of one channel and phase of rows, `[point][pixel]`, and one of them dealt out, `[pixel][tile]`.
+    lines: &'s mut [f32],
+    dealt: &'s mut [f32],
 }
 
 /// Tiles that are worked on together.
@@ -186,13 +207,15 @@ struct Chunk {
 impl Strip<'_, '_, '_> {
     #[inline(always)]
     fn run<S: Simd>(&mut self, simd: S, most_vectors: usize) {
-        let Plan { source, tiles, pairs, .. } = self.work.plan;
+        let Plan { row_stride, tiles, pairs, .. } = self.work.plan;
         for segment in 0..self.task.segments.len() {
             // What lies beyond the last column of the last row is nobody's tile.
-            let all = (self.task.segments[segment].rows - 1) * source.row_stride + tiles[1];
+            let all = (self.task.segments[segment].rows - 1) * row_stride + tiles[1];
             let mut first = 0;
             while first < all {
-                let length = (all - first).div_ceil(S::F32_LANES).min(most_vectors) * S::F32_LANES;
+                // Equal chunks: a single vector has few sums for each weight that is read.
+                let vectors = (all - first).div_ceil(S::F32_LANES);
+                let length = vectors.div_ceil(vectors.div_ceil(most_vectors)) * S::F32_LANES;
                 let chunk = Chunk { segment, first, count: length.min(all - first), length };
                 match pairs {
                     2 => self.chunk::<S, 2>(simd, chunk),
@@ -234,7 +257,7 @@ impl Strip<'_, '_, '_> {
     /// A product of matrices for each point.
     #[inline(always)]
     fn multiply<S: Simd, const M: usize>(&mut self, simd: S, panel: &Panel, pass: usize, length: usize) {
-        let (points, channels) = (self.work.plan.pixels(), self.work.plan.channels());
+        let (points, channels) = (self.work.plan.pixels(), self.work.plan.channels);
         let weights = &self.work.weights.values[panel.start + pass * points * channels * M..];
         let (weights, _) = weights.as_chunks::<M>();
         let inputs = self.inputs.chunks_exact(channels * length + LINE);

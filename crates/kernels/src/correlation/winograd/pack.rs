@@ -36,7 +36,7 @@ impl Pack<'_> {
         let taps = self.plan.kernel * self.plan.kernel;
         let mut kernels = vec![0.0; taps * S::F32_LANES];
         // Channels and outputs run on without a gap, so a vector may hold outputs of several channels.
-        let all = self.plan.channels() * self.panel.width;
+        let all = self.plan.channels * self.panel.width;
         for pass in 0..self.shape.passes.len() {
             let places = self.places(pass);
             for first in (0..all).step_by(S::F32_LANES) {
@@ -78,7 +78,7 @@ impl Pack<'_> {
     #[inline(always)]
     fn transform<S: Simd, const PAIRS: usize>(&mut self, simd: S, kernels: &[f32], first: usize, count: usize) {
         let (taps, points) = (self.plan.kernel, self.plan.points);
-        let all = self.plan.channels() * self.panel.width;
+        let all = self.plan.channels * self.panel.width;
         let mut tile = points::empty(simd);
         for (row, line) in tile.iter_mut().enumerate().take(taps) {
             let mut kernel = [simd.splat_f32s(0.0); MAX_POINTS];
