@@ -58,18 +58,18 @@ fn views(cameras: &CameraBatch, depth: &Tensor<4>, limits: Limits) -> Option<Vie
     Some(Views { rays, seen, lenses, model, limits })
 }
 
-/// [`crate::warp::sample_bilinear`] by our kernel, for pictures that want no gradient: theirs is a scatter, which is left
-/// to the reference.
+/// [`crate::warp::sample_bilinear`] by our kernel.
 pub fn sample_bilinear(picture: &Tensor<4>, pixels: &Tensor<4>) -> Option<Tensor<4>> {
     let operands = [operand::<Cube, 4>(picture)?, operand::<Cube, 4>(pixels)?];
     let [of_picture, of_pixels] = [picture, pixels].map(Tensor::dims);
-    let fit = of_picture[0] == of_pixels[0] && !of_picture.contains(&0) && !of_pixels.contains(&0);
-    if operands[0].is_tracked() || !fit {
+    if of_picture[0] != of_pixels[0] || of_picture.contains(&0) || of_pixels.contains(&0) {
         return None;
     }
     let [picture, pixels] = operands.each_ref().map(|operand| operand.tensor().clone());
     let read = sampling::read(picture, pixels);
-    function(operands, read, |[picture, pixels], of_read, _| {
-        [None, Some(sampling::position_gradient(picture, pixels, of_read))]
+    function(operands, read, |[picture, pixels], of_read, [of_picture, of_pixels]| {
+        let scatter = || sampling::picture_gradient(&picture, pixels.clone(), of_read.clone());
+        let of_picture = of_picture.then(scatter);
+        [of_picture, of_pixels.then(|| sampling::position_gradient(picture, pixels, of_read))]
     })
 }

@@ -14,7 +14,6 @@ pub struct Operand<B: Backend> {
     tensor: FloatTensor<B>,
     /// Its place in the graph, on a device that keeps one.
     node: Option<NodeGuard>,
-    tracked: bool,
 }
 
 impl<B: Backend> Operand<B> {
@@ -28,14 +27,9 @@ impl<B: Backend> Operand<B> {
         self.tensor
     }
 
-    /// Whether anything asks for the operand's gradient.
-    pub const fn is_tracked(&self) -> bool {
-        self.tracked
-    }
-
     /// The tensor and its place in the graph.
     fn in_graph(self) -> (FloatTensor<B>, NodeGuard) {
-        let Self { tensor, node, .. } = self;
+        let Self { tensor, node } = self;
         let node = node.unwrap_or_else(|| Autodiff::<B>::from_inner(tensor.clone()).into_parts().1);
         (tensor, node)
     }
@@ -50,13 +44,10 @@ where
         return None;
     }
     if !tensor.device().is_autodiff() {
-        let tensor = tensor.clone().try_into_primitive::<B>().ok()?;
-        return Some(Operand { tensor, node: None, tracked: false });
+        return Some(Operand { tensor: tensor.clone().try_into_primitive::<B>().ok()?, node: None });
     }
-    let tensor = tensor.clone().try_into_primitive::<Autodiff<B>>().ok()?;
-    let tracked = tensor.is_tracked();
-    let (tensor, node) = tensor.into_parts();
-    Some(Operand { tensor, node: Some(node), tracked })
+    let (tensor, node) = tensor.clone().try_into_primitive::<Autodiff<B>>().ok()?.into_parts();
+    Some(Operand { tensor, node: Some(node) })
 }
 
 /// The result of a function as Burn's tensor, and the gradients it gives its operands (those that are wanted) from the

@@ -188,8 +188,7 @@ pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
 /// # Shapes
 /// - `shown`: `[batch, 1, height, width]` as `pixels`, 1 or 0, without a gradient
 fn sample_shown(picture: Tensor<4>, pixels: Tensor<4>, shown: Tensor<4>) -> Tensor<4> {
-    flex::sample_bilinear(&picture, &pixels, Some(&shown))
-        .unwrap_or_else(|| sample_bilinear(picture, pixels) * shown)
+    flex::sample_bilinear(&picture, &pixels, Some(&shown)).unwrap_or_else(|| sample_bilinear(picture, pixels) * shown)
 }
 
 /// [`sample_bilinear`] in plain tensor operations.

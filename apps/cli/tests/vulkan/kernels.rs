@@ -208,8 +208,7 @@ impl Views {
         let weights = tensor(&self.weights, shape, place) * tensor(counts, shape, place);
         let total = (pixels.clone() * weights.clone()).sum() * 0.1 + (in_source.clone() * weights).sum();
         let gradients = total.backward();
-        let gradients =
-            [numbers(depth.grad(&gradients).unwrap()), numbers(motion.grad(&gradients).unwrap())];
+        let gradients = [numbers(depth.grad(&gradients).unwrap()), numbers(motion.grad(&gradients).unwrap())];
         let [positions, depth, defined, in_view] = [pixels, in_source, defined, in_view].map(numbers);
         Found { positions, depth, defined, in_view, gradients }
     }
@@ -265,8 +264,8 @@ impl LaunchObserver for Launches {
     }
 }
 
-/// The loss of a training step, and its gradients by disparities and motions.
-fn step(config: &ObjectiveConfig, place: &Place) -> [Vec<f32>; 3] {
+/// The loss of a training step, and its gradients by a disparity of the target, by one of a source, and by the motion.
+fn step(config: &ObjectiveConfig, place: &Place) -> [Vec<f32>; 4] {
     let size = Size::new(64, 48);
     let coarse = Size::new(32, 24);
     let shape = |channels: usize, size: Size| [2, channels, size.height, size.width];
@@ -280,17 +279,22 @@ fn step(config: &ObjectiveConfig, place: &Place) -> [Vec<f32>; 3] {
     let batch = ViewBatch { target: view(11), sources: vec![view(12), view(13)], cameras };
     let disparities = [size, coarse].map(|size| map(14, 1, size, 0.5, 2.0).require_grad());
     let motion = tensor(&noise(15, 12, -0.1, 0.1), [2, 6], place).require_grad();
-    let source_from_target = [1.0, -1.0].map(|sign| source_from_target(motion.clone() * sign, Rotation::Euler)).to_vec();
+    let source_from_target =
+        [1.0, -1.0].map(|sign| source_from_target(motion.clone() * sign, Rotation::Euler)).to_vec();
+    let source_disparities = [16, 17].map(|seed| [size, coarse].map(|size| map(seed, 1, size, 0.5, 2.0)).to_vec());
+    let source_disparities = source_disparities.map(|scales| scales.into_iter().map(Tensor::require_grad).collect());
     let prediction = Prediction {
         disparities: disparities.to_vec(),
         source_from_target,
         masks: Vec::new(),
-        source_disparities: Vec::new(),
+        source_disparities: source_disparities.to_vec(),
     };
     let total = objective(&batch, &prediction, config).total;
     let gradients = total.backward();
-    let of_disparity = numbers(disparities[0].grad(&gradients).unwrap());
-    [numbers(total), of_disparity, numbers(motion.grad(&gradients).unwrap())]
+    let of = |disparity: &Tensor<4>| disparity.grad(&gradients).map_or_else(Vec::new, numbers);
+    let of_disparities = [of(&disparities[0]), of(&prediction.source_disparities[1][0])];
+    let [of_target, of_source] = of_disparities;
+    [numbers(total), of_target, of_source, numbers(motion.grad(&gradients).unwrap())]
 }
 
 #[test]
@@ -298,17 +302,19 @@ fn a_training_step_goes_through_our_kernels() {
     let Some(gpu) = vulkan() else { return };
     let launches = Arc::new(Launches { thread: thread::current().id(), names: Mutex::default() });
     let observation = LaunchObservation::new(Arc::clone(&launches) as Arc<dyn LaunchObserver>);
-    for config in [ObjectiveConfig::paper(), ObjectiveConfig::port()] {
+    let with_geometry = ObjectiveConfig { geometry_weight: 0.5, ..ObjectiveConfig::paper() };
+    for config in [ObjectiveConfig::paper(), ObjectiveConfig::port(), with_geometry] {
         let expected = step(&config, &processor());
         let found = step(&config, &(gpu.clone().autodiff(), DType::F32));
-        let found = [0, 1, 2].map(|part| difference(&expected[part], &found[part]));
+        assert_eq!(found[2].is_empty(), config.geometry_weight == 0.0);
+        let found = [0, 1, 2, 3].map(|part| difference(&expected[part], &found[part]));
         assert!(found.iter().all(|difference| *difference < 1e-3), "{found:?}");
     }
     drop(observation);
     let names = launches.names.lock().unwrap();
-    for kernel in ["sampling::read", "sampling::position_gradient", "correspondence::find", "correspondence::differentiate"]
-    {
-        let ours = |name: &&str| name.contains(&format!("endoscape_synthesis::cube::{kernel}"));
-        assert!(names.iter().any(|name| ours(name)), "{kernel} is not among {names:?}");
+    let sampling = ["read", "position_gradient", "picture_gradient"].map(|kernel| format!("sampling::{kernel}_kernel"));
+    let correspondence = ["find", "differentiate"].map(|kernel| format!("correspondence::{kernel}_kernel"));
+    for kernel in sampling.iter().chain(&correspondence) {
+        assert!(names.iter().any(|name| name.contains(kernel)), "{kernel} is not among {names:?}");
     }
 }

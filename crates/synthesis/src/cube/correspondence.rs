@@ -211,9 +211,7 @@ fn differentiate_kernel(
     let way = way(scene, pixel, model);
     let of_to = match part {
         Part::Positions => of_moved(scene, way, of_part, pixel, model),
-        Part::Depth => {
-            Point { x: 0.0, y: 0.0, z: select(way.known, of_part[index(of_part, 0, pixel)], 0.0) }
-        }
+        Part::Depth => Point { x: 0.0, y: 0.0, z: select(way.known, of_part[index(of_part, 0, pixel)], 0.0) },
     };
     let along = way.ray.x * back(&scene.motion, 0, pixel.item, of_to)
         + way.ray.y * back(&scene.motion, 1, pixel.item, of_to)

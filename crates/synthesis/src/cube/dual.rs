@@ -26,7 +26,7 @@ pub fn fixed(value: f32) -> Dual {
 #[cube]
 impl Dual {
     /// A function of this, by its value and its derivative.
-    fn chain(self, value: f32, slope: f32) -> Dual {
+    pub fn chain(self, value: f32, slope: f32) -> Dual {
         Dual { value, x: slope * self.x, y: slope * self.y, z: slope * self.z }
     }
 

@@ -222,13 +222,16 @@ fn unified(lenses: &Tensor<f32>, camera: usize, x: Dual, y: Dual, z: Dual) -> Pl
     Plane { x: x.times(scale), y: y.times(scale) }
 }
 
-/// The polynomial whose `count` coefficients begin at `first`, from the lowest.
+/// The polynomial whose `count` coefficients begin at `first`, from the lowest, by Horner's rule, which gives its
+/// derivative beside it.
 #[cube]
 fn horner(lenses: &Tensor<f32>, camera: usize, #[comptime] first: usize, #[comptime] count: usize, x: Dual) -> Dual {
-    let lowest = entry(lenses, camera, first);
-    if comptime!(count == 1) {
-        fixed(lowest)
-    } else {
-        horner(lenses, camera, comptime!(first + 1), comptime!(count - 1), x).times(x).raised(lowest)
+    let mut value = 0.0f32;
+    let mut slope = 0.0f32;
+    #[unroll]
+    for passed in 0..count {
+        slope = slope * x.value + value;
+        value = value * x.value + entry(lenses, camera, comptime!(first + count - 1 - passed));
     }
+    x.chain(value, slope)
 }

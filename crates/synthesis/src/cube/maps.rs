@@ -71,16 +71,12 @@ pub fn pixels(maps: &Tensor<f32>) -> usize {
 pub fn own_pixel(maps: &Tensor<f32>) -> Pixel {
     let rows = maps.shape(2);
     let columns = maps.shape(3);
-    Pixel {
-        item: ABSOLUTE_POS / (rows * columns),
-        row: ABSOLUTE_POS / columns % rows,
-        column: ABSOLUTE_POS % columns,
-    }
+    Pixel { item: ABSOLUTE_POS / (rows * columns), row: ABSOLUTE_POS / columns % rows, column: ABSOLUTE_POS % columns }
 }
 
 /// The index of a plane's pixel in the memory of maps.
 #[cube]
-pub fn index(maps: &Tensor<f32>, plane: usize, pixel: Pixel) -> usize {
+pub fn index<T: CubePrimitive>(maps: &Tensor<T>, plane: usize, pixel: Pixel) -> usize {
     pixel.item * maps.stride(0) + plane * maps.stride(1) + pixel.row * maps.stride(2) + pixel.column * maps.stride(3)
 }
 

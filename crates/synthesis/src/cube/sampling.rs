@@ -2,11 +2,14 @@
 //!
 //! The counterpart of `endoscape_kernels::Sampling`: positions beyond the outermost pixel centres take the border's
 //! value and have no gradient; one that is not a number gives a colour that is none. Whatever the position, indices stay
-//! inside the picture.
+//! inside the picture. The gradient of the positions is a gather. That of the picture is a scatter, in which units add to
+//! the same pixel in whatever order they come: its last digits may differ from one run to the next.
 
 use super::maps::{CubeTensor, Pixel, Units, index, own_pixel, pixels, unwritten, write};
-use burn::backend::TensorMetadata;
+use burn::backend::ops::FloatTensorOps;
+use burn::backend::{Cube, TensorMetadata};
 use burn::cubecl;
+use burn::tensor::FloatDType;
 use cubecl::prelude::*;
 
 /// The colours at positions.
@@ -48,13 +51,29 @@ pub fn position_gradient(pictures: CubeTensor, positions: CubeTensor, of_colours
     of_positions
 }
 
+/// The gradient of the pictures, shaped like them, from that of the colours.
+pub fn picture_gradient(pictures: &CubeTensor, positions: CubeTensor, of_colours: CubeTensor) -> CubeTensor {
+    let of_pictures = Cube::float_zeros(pictures.shape(), &pictures.device, FloatDType::F32);
+    let units = Units::new(&positions, &[&of_colours, &of_pictures]);
+    picture_gradient_kernel::launch(
+        &of_pictures.client,
+        units.count,
+        units.dim,
+        units.address,
+        positions.into_tensor_arg(),
+        of_colours.into_tensor_arg(),
+        of_pictures.clone().into_tensor_arg(),
+    );
+    of_pictures
+}
+
 #[cube(launch, address_type = "dynamic")]
 fn read_kernel(pictures: &Tensor<f32>, positions: &Tensor<f32>, colours: &mut Tensor<f32>) {
     if ABSOLUTE_POS >= pixels(positions) {
         terminate!();
     }
     let pixel = own_pixel(positions);
-    let cell = enclose(pictures, positions, pixel);
+    let cell = enclose(positions, pixel, pictures.shape(2), pictures.shape(3));
     for channel in 0..pictures.shape(1) {
         let corners = corners(pictures, channel, pixel.item, cell);
         let upper = corners.a + (corners.b - corners.a) * cell.across.share;
@@ -74,7 +93,7 @@ fn position_gradient_kernel(
         terminate!();
     }
     let pixel = own_pixel(positions);
-    let cell = enclose(pictures, positions, pixel);
+    let cell = enclose(positions, pixel, pictures.shape(2), pictures.shape(3));
     let mut of_column = 0.0f32;
     let mut of_row = 0.0f32;
     for channel in 0..pictures.shape(1) {
@@ -85,6 +104,44 @@ fn position_gradient_kernel(
     }
     write(of_positions, 0, pixel, select(cell.across.free, of_column, 0.0));
     write(of_positions, 1, pixel, select(cell.down.free, of_row, 0.0));
+}
+
+/// Pictures are numbers of single precision as their bits: not every device adds the numbers themselves atomically.
+#[cube(launch, address_type = "dynamic")]
+fn picture_gradient_kernel(positions: &Tensor<f32>, of_colours: &Tensor<f32>, of_pictures: &mut Tensor<Atomic<u32>>) {
+    if ABSOLUTE_POS >= pixels(positions) {
+        terminate!();
+    }
+    let pixel = own_pixel(positions);
+    let cell = enclose(positions, pixel, of_pictures.shape(2), of_pictures.shape(3));
+    for channel in 0..of_pictures.shape(1) {
+        let of_colour = of_colours[index(of_colours, channel, pixel)];
+        let lower = of_colour * cell.down.share;
+        let upper = of_colour - lower;
+        let right_of_upper = upper * cell.across.share;
+        let right_of_lower = lower * cell.across.share;
+        let (item, top, bottom) = (pixel.item, cell.down.first, cell.down.second);
+        add(of_pictures, channel, Pixel { item, row: top, column: cell.across.first }, upper - right_of_upper);
+        add(of_pictures, channel, Pixel { item, row: top, column: cell.across.second }, right_of_upper);
+        add(of_pictures, channel, Pixel { item, row: bottom, column: cell.across.first }, lower - right_of_lower);
+        add(of_pictures, channel, Pixel { item, row: bottom, column: cell.across.second }, right_of_lower);
+    }
+}
+
+/// Adds to a plane's pixel that other units add to as well.
+#[cube]
+fn add(maps: &mut Tensor<Atomic<u32>>, plane: usize, pixel: Pixel, value: f32) {
+    let place = index(&*maps, plane, pixel);
+    if value != 0.0 {
+        let mut bits = maps[place].load();
+        loop {
+            let expected = bits;
+            bits = maps[place].compare_exchange_weak(expected, (f32::from_bits(expected) + value).to_bits());
+            if bits == expected {
+                break;
+            }
+        }
+    }
 }
 
 /// The four pixels around a position.
@@ -107,12 +164,12 @@ struct Pair {
     free: bool,
 }
 
-/// Where in its picture the position of `pixel` lies.
+/// Where the position of `pixel` lies in a picture of `rows` and `columns`.
 #[cube]
-fn enclose(pictures: &Tensor<f32>, positions: &Tensor<f32>, pixel: Pixel) -> Cell {
+fn enclose(positions: &Tensor<f32>, pixel: Pixel, rows: usize, columns: usize) -> Cell {
     Cell {
-        across: pair(positions[index(positions, 0, pixel)], pictures.shape(3)),
-        down: pair(positions[index(positions, 1, pixel)], pictures.shape(2)),
+        across: pair(positions[index(positions, 0, pixel)], columns),
+        down: pair(positions[index(positions, 1, pixel)], rows),
     }
 }
 
