@@ -1,4 +1,5 @@
-//! Networks, training and our own kernels give on Vulkan what they give on the processor. Mesa's software driver is driver enough.
+//! Networks, training and our own kernels give on Vulkan what they give on the processor. Mesa's software driver is
+//! driver enough.
 //!
 //! `cargo test -p endoscape-cli --features vulkan --test vulkan`
 

@@ -147,6 +147,28 @@ fn a_picture_that_wants_a_gradient_gets_that_of_the_reference() {
     assert!(found < 1e-3, "{found}");
 }
 
+#[test]
+fn tensors_are_read_however_they_lie_in_memory() {
+    let Some(gpu) = vulkan() else { return };
+    let read = |place: &Place| {
+        let rotated = tensor(&noise(1, 3 * 9 * 7, -1.0, 1.0), [1, 9, 7, 3], place).permute([0, 3, 2, 1]);
+        let positions = tensor(&noise(2, 2 * 6 * 5 * 5, -2.0, 10.0), [2, 6, 5, 5], place).require_grad();
+        let read = sample_bilinear(rotated.expand([2, 3, 7, 9]), positions.clone().narrow(1, 3, 2));
+        // Every colour has the same gradient, one number in memory.
+        let gradient = positions.grad(&read.clone().sum().backward()).unwrap();
+        [numbers(read), numbers(gradient)]
+    };
+    let [expected, found] = [reference(), (gpu.clone().autodiff(), DType::F32)].map(|place| read(&place));
+    let differences = [0, 1].map(|part| difference(&expected[part], &found[part]));
+    assert!(differences[0] < 1e-4 && differences[1] < 1e-3, "{differences:?}");
+    let plain = (gpu, DType::F32);
+    let picture = tensor(&noise(1, 3 * 9 * 7, -1.0, 1.0), [1, 3, 9, 7], &plain);
+    let alone = sample_bilinear(picture.clone(), tensor(&[3.0, 0.5], [1, 2, 1, 1], &plain));
+    assert!(!alone.device().is_autodiff());
+    let expected = (picture.clone().narrow(2, 0, 1) + picture.narrow(2, 1, 1)).narrow(3, 3, 1) * 0.5;
+    assert!(difference(&numbers(expected), &numbers(alone)) < 1e-6);
+}
+
 const SIZE: Size = Size { width: 31, height: 23 };
 
 /// A camera of every model.
