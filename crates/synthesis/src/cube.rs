@@ -1,8 +1,8 @@
 //! Our kernels on Burn's CubeCL devices (CUDA, ROCm, Metal, Vulkan), with gradients.
 //!
 //! As in `flex.rs`, each function is `None` where tensors are of another precision or on another device, and stands
-//! beside a reference in plain tensor operations. Kernels are written once, in Rust; CubeCL compiles them for the device
-//! that tensors live on, when they are first launched there.
+//! beside a reference in plain tensor operations. Kernels are written once, in Rust; CubeCL compiles them for the
+//! device that tensors live on, when they are first launched there (docs/decisions/009).
 
 mod correspondence;
 mod dual;

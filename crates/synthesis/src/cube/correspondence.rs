@@ -1,8 +1,8 @@
 //! Where the pixels of one view lie in another, with derivatives: one unit of the device per pixel.
 //!
-//! The counterpart of `endoscape_kernels::Correspondence`, with its rules: pixels without a sane depth are treated as if
-//! theirs was 1, points that the lens does not image as if they lay on its axis, so that their gradients are zero and
-//! everything stays finite. What is summed over pixels, the gradient of the motion, is a matrix product of Burn's.
+//! The counterpart of `endoscape_kernels::Correspondence`, with its rules: pixels without a sane depth are treated as
+//! if theirs was 1, points that the lens does not image as if they lay on its axis, so that their gradients are zero
+//! and everything stays finite. What is summed over pixels, the gradient of the motion, is summed by Burn.
 
 use super::lens::{Model, Point, images, project};
 use super::maps::{CubeTensor, Pixel, Units, index, own_pixel, pixels, unwritten, write};
@@ -33,7 +33,8 @@ pub struct Views {
     pub limits: Limits,
 }
 
-/// What is known about the pixels of the first view, as planes of one tensor; see `endoscape_kernels::correspondence`.
+/// What is known about the pixels of the first view, as planes of one tensor: few devices promise a kernel more than
+/// eight buffers.
 pub struct Found(CubeTensor);
 
 impl Found {
@@ -47,7 +48,7 @@ impl Found {
         planes(&self.0, 2..3)
     }
 
-    /// `[batch, 1, rows, columns]`: 1 where the pixel has a ray, a sane depth, and a point that the lens images, else 0.
+    /// `[batch, 1, rows, columns]`: 1 where the pixel has a ray, a sane depth and a point that the lens images, else 0.
     pub fn defined(&self) -> CubeTensor {
         planes(&self.0, 3..4)
     }
@@ -69,13 +70,15 @@ impl Slopes {
     }
 
     /// The gradient of the motion, `[batch, 3, 4]`: that of the moved points times the points before.
+    ///
+    /// Not by a matrix product, which tensor cores compute with ten bits of these numbers.
     pub fn of_motion(&self) -> CubeTensor {
         let [batch, _, rows, columns] = self.0.shape().dims();
-        let list = |range: Range<usize>| {
-            let shape = [batch, range.len(), rows * columns];
-            Cube::float_reshape(planes(&self.0, range), shape.into())
-        };
-        Cube::float_matmul(list(1..4), Cube::float_swap_dims(list(4..8), 1, 2))
+        let list = |range, shape: [usize; 4]| Cube::float_reshape(planes(&self.0, range), shape.into());
+        let of_moved = list(1..4, [batch, 3, 1, rows * columns]);
+        let before = list(4..8, [batch, 1, 4, rows * columns]);
+        let sums = Cube::float_sum_dim(Cube::float_mul(of_moved, before), 3);
+        Cube::float_reshape(sums, [batch, 3, 4].into())
     }
 }
 

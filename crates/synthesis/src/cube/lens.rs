@@ -18,7 +18,7 @@ const CENTRE: usize = 4;
 const COS_WIDEST: usize = 6;
 const OWN: usize = 7;
 
-/// The omnidirectional model's own entries: the height's polynomial, its derivative's, the limit of the first guess, and
+/// The omnidirectional model's own entries: the height's polynomial, its derivative's, the limit of the first guess and
 /// the series of that.
 const SLOPE: usize = OWN + 5;
 const LIMIT: usize = SLOPE + 4;
@@ -174,8 +174,8 @@ fn kannala_brandt(lenses: &Tensor<f32>, camera: usize, q: Plane) -> Plane {
     Plane { x: q.x.times(scale), y: q.y.times(scale) }
 }
 
-/// The distance `rho` from the centre with `rho / height(rho) = tan(theta)`: two of Newton's steps from a guess, of which
-/// the last alone is differentiated. By the implicit function theorem its derivative is that of the exact solution.
+/// The distance `rho` from the centre with `rho / height(rho) = tan(theta)`: two of Newton's steps from a guess, the
+/// last of which alone is differentiated. By the implicit function theorem its derivative is that of the exact solution.
 #[cube]
 fn omnidirectional(lenses: &Tensor<f32>, camera: usize, q: Plane) -> Plane {
     let length = length(q);

@@ -1,9 +1,9 @@
 //! Reading a picture between its pixels: one unit of the device per position, which visits all channels.
 //!
 //! The counterpart of `endoscape_kernels::Sampling`: positions beyond the outermost pixel centres take the border's
-//! value and have no gradient; one that is not a number gives a colour that is none. Whatever the position, indices stay
-//! inside the picture. The gradient of the positions is a gather. That of the picture is a scatter, in which units add to
-//! the same pixel in whatever order they come: its last digits may differ from one run to the next.
+//! value and have no gradient; one that is not a number gives a colour that is none. Whatever the position, indices
+//! stay inside the picture. The gradient of the positions is a gather. That of the picture is a scatter, in which units
+//! add to the same pixel in whatever order they come: its last digits may differ from one run to the next.
 
 use super::maps::{CubeTensor, Pixel, Units, index, own_pixel, pixels, unwritten, write};
 use burn::backend::ops::FloatTensorOps;
