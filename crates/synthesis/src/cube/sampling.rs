@@ -106,7 +106,7 @@ fn position_gradient_kernel(
     write(of_positions, 1, pixel, select(cell.down.free, of_row, 0.0));
 }
 
-/// Pictures are numbers of single precision as their bits: not every device adds the numbers themselves atomically.
+/// Pictures are numbers of single precision as their bits: not every device adds numbers themselves atomically.
 #[cube(launch, address_type = "dynamic")]
 fn picture_gradient_kernel(positions: &Tensor<f32>, of_colours: &Tensor<f32>, of_pictures: &mut Tensor<Atomic<u32>>) {
     if ABSOLUTE_POS >= pixels(positions) {
@@ -128,19 +128,15 @@ fn picture_gradient_kernel(positions: &Tensor<f32>, of_colours: &Tensor<f32>, of
     }
 }
 
-/// Adds to a plane's pixel that other units add to as well.
+/// Adds to a plane's pixel that other units add to as well: takes the number that is there and puts the sum back. What
+/// another unit has put there meanwhile is added in turn, until nothing has.
 #[cube]
 fn add(maps: &mut Tensor<Atomic<u32>>, plane: usize, pixel: Pixel, value: f32) {
     let place = index(&*maps, plane, pixel);
-    if value != 0.0 {
-        let mut bits = maps[place].load();
-        loop {
-            let expected = bits;
-            bits = maps[place].compare_exchange_weak(expected, (f32::from_bits(expected) + value).to_bits());
-            if bits == expected {
-                break;
-            }
-        }
+    let mut rest = value;
+    while rest != 0.0 {
+        let taken = f32::from_bits(maps[place].exchange(0));
+        rest = f32::from_bits(maps[place].exchange((taken + rest).to_bits()));
     }
 }
 
