@@ -20,6 +20,10 @@ test-orb:
     cargo clippy -p endoscape-baselines --all-targets --features orb --locked -- -D warnings
     cargo test -p endoscape-baselines --features orb --locked
 
+# networks, training and our own kernels on Vulkan; Mesa's software driver will do (docs/decisions/008, 009)
+test-vulkan:
+    cargo test -p endoscape-cli --features vulkan --test vulkan --locked
+
 # slow tests as well
 test-all:
     cargo test --workspace --locked -- --include-ignored

@@ -1,4 +1,5 @@
-//! Networks and training give on Vulkan what they give on the processor. Mesa's software driver is driver enough.
+//! Networks, training and our own kernels give on Vulkan what they give on the processor. Mesa's software driver is
+//! driver enough.
 //!
 //! `cargo test -p endoscape-cli --features vulkan --test vulkan`
 
@@ -12,6 +13,8 @@
 )]
 
 mod common;
+#[path = "vulkan/kernels.rs"]
+mod kernels;
 
 use burn::tensor::Device;
 use burn::tensor::wgpu::WgpuBackend;
@@ -40,11 +43,16 @@ fn disparity_and_gradient(device: &Device) -> [Vec<f32>; 2] {
     [disparity.into_data(), gradient.into_data()].map(|data| data.iter().collect())
 }
 
-/// The largest difference, as a share of the largest number.
+/// The largest difference, as a share of the largest number; infinite where one is a number and the other is none.
 fn difference(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
-    let largest = a.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
-    a.iter().zip(b).fold(0.0_f32, |most, (a, b)| most.max((a - b).abs())) / largest
+    let largest = a.iter().fold(1e-9_f32, |largest, value| largest.max(value.abs()));
+    let apart = |(a, b): (&f32, &f32)| match (a.is_nan(), b.is_nan()) {
+        (false, false) => (a - b).abs(),
+        (true, true) => 0.0,
+        _ => f32::INFINITY,
+    };
+    a.iter().zip(b).map(apart).fold(0.0, f32::max) / largest
 }
 
 #[test]

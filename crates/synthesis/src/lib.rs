@@ -12,14 +12,17 @@
 //!
 //! Formulae and the names that stand for their symbols: docs/math.md. Tensors are `[batch, channels, height, width]`,
 //! pictures RGB in [-1, 1], pixel centres at integer coordinates. No function reads a value back from the device, and
-//! all work on whatever device the inputs live: gradients come from Burn's, or on the processor from our own
-//! kernels (`flex.rs`), which have references in tensor operations.
+//! all work on whatever device the inputs live. Gradients come from Burn's, or from our own kernels, which have references
+//! in tensor operations: `flex.rs` has those for the processor, `cube.rs` those for GPUs, if a feature names one.
 
 pub mod brightness;
 pub mod camera;
 pub mod config;
+#[cfg(feature = "cube")]
+mod cube;
 mod error;
 mod flex;
+mod function;
 pub mod geometry;
 pub mod light;
 pub mod mask_loss;

@@ -2,13 +2,15 @@
 //!
 //! Back-project the target's pixels with their depth, move the points into the source camera, project them, and read
 //! the source picture there: `p_s ~ K T(source <- target) D(p_t) K^-1 p_t` (Eq. 2 of docs/math.md), with any lens in
-//! the place of `K`. Everything is built from tensor operations that differentiate by themselves; where `flex.rs`
-//! has a faster kernel, they are its reference.
+//! the place of `K`. Everything is built from tensor operations that differentiate by themselves; where `flex.rs` or
+//! `cube.rs` has a faster kernel, they are its reference.
 //!
 //! Pixel centres lie at integer coordinates. [`sample_bilinear`] is the only place that reads a picture between its
 //! pixels, so the only place where that convention can be broken; it equals `grid_sample` with `align_corners = true`.
 
 use crate::camera::{CameraBatch, Projected};
+#[cfg(feature = "cube")]
+use crate::cube;
 use crate::flex;
 use burn::tensor::{Bool, Int, Tensor};
 use endoscape_kernels::correspondence::Limits;
@@ -103,8 +105,10 @@ pub fn correspond(depth: Tensor<4>, source_from_target: Tensor<3>, cameras: &Cam
         nearest: NEAREST as f32,
         border_slack: BORDER_SLACK as f32,
     };
-    flex::correspond(&depth, &source_from_target, cameras, limits)
-        .unwrap_or_else(|| correspond_reference(depth, source_from_target, cameras))
+    let found = flex::correspond(&depth, &source_from_target, cameras, limits);
+    #[cfg(feature = "cube")]
+    let found = found.or_else(|| cube::correspond(&depth, &source_from_target, cameras, limits));
+    found.unwrap_or_else(|| correspond_reference(depth, source_from_target, cameras))
 }
 
 /// [`correspond`] in plain tensor operations.
@@ -173,7 +177,10 @@ pub fn transform(transform: Tensor<3>, points: Tensor<4>) -> Tensor<4> {
 /// - `pixels`: `[batch, 2, rows, columns]`: column, then row; finite
 /// - returns: `[batch, channels, rows, columns]`
 pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
-    flex::sample_bilinear(&picture, &pixels, None).unwrap_or_else(|| sample_bilinear_reference(picture, pixels))
+    let read = flex::sample_bilinear(&picture, &pixels, None);
+    #[cfg(feature = "cube")]
+    let read = read.or_else(|| cube::sample_bilinear(&picture, &pixels));
+    read.unwrap_or_else(|| sample_bilinear_reference(picture, pixels))
 }
 
 /// [`sample_bilinear`] where a pixel is shown, else 0.
@@ -181,8 +188,7 @@ pub fn sample_bilinear(picture: Tensor<4>, pixels: Tensor<4>) -> Tensor<4> {
 /// # Shapes
 /// - `shown`: `[batch, 1, height, width]` as `pixels`, 1 or 0, without a gradient
 fn sample_shown(picture: Tensor<4>, pixels: Tensor<4>, shown: Tensor<4>) -> Tensor<4> {
-    flex::sample_bilinear(&picture, &pixels, Some(&shown))
-        .unwrap_or_else(|| sample_bilinear_reference(picture, pixels) * shown)
+    flex::sample_bilinear(&picture, &pixels, Some(&shown)).unwrap_or_else(|| sample_bilinear(picture, pixels) * shown)
 }
 
 /// [`sample_bilinear`] in plain tensor operations.

@@ -34,7 +34,7 @@ enum Curve {
     RadialTangential {
         above: Vec<Parameter>,
         below: Vec<Parameter>,
-        decentring: [Parameter; 2],
+        decentring: Box<[Parameter; 2]>,
     },
     KannalaBrandt {
         k: Vec<Parameter>,
@@ -123,7 +123,7 @@ impl Curve {
                 Self::RadialTangential {
                     above: vec![of(|l| l.k1), of(|l| l.k2), of(|l| l.k3)],
                     below: vec![of(|l| l.k4), of(|l| l.k5), of(|l| l.k6)],
-                    decentring: [of(|l| l.p1), of(|l| l.p2)],
+                    decentring: Box::new([of(|l| l.p1), of(|l| l.p2)]),
                 }
             }
             Some(CameraModel::KannalaBrandt(_)) => {
