@@ -7,10 +7,10 @@ CLIPS holds folders with frameVideo.mp4 and state.csv (docs/datasets.md); OUT mu
 of their names is judged, the others are learned from, unless --judge names those to judge. The field of view is not known
 and assumed. With --model nothing is learned. ENDOSCAPE names the program.
 
-Per clip: how the rotation about the optical axis and the motion along it, from frame to frame, correlate (Pearson's r) with
-what the robot's state says it turned and pushed, over stretches of `--stretch` frames and with the lag of 0 or 1 frames
-that fits best over all clips; and in how many frames the darkest twentieth of the picture, where the lumen is, lies farther away than the
-median of the rest. Needs numpy, scipy and Pillow.
+Per clip: how the rotation about the optical axis and the motion along it correlate (Pearson's r) with what the robot's
+state says it turned and pushed, from frame to frame and over ten frames, with the lag of 0 or 1 frames that fits best over
+all clips; and in how many frames the darkest twentieth of the picture, where the lumen is, lies farther away than the rest
+by the medians of both. Needs numpy, scipy and Pillow.
 """
 
 import argparse
@@ -22,6 +22,8 @@ import subprocess
 import numpy as np
 from PIL import Image, ImageFilter
 from scipy.spatial.transform import Rotation
+
+STRETCHES = (1, 10)
 
 
 def endoscape(*words):
@@ -42,15 +44,14 @@ def state_of(clip):
     return np.array([[float(row["rotation_deg"]), float(row["extension_mm"])] for row in rows])
 
 
-def motions_of(run, stretch):
-    """Rotation about the optical axis in degrees and motion along it, over `stretch` frames from each frame on."""
+def motions_of(run):
+    """Rotation about the optical axis in degrees and motion along it, from each frame to the next."""
     poses = np.loadtxt(run / "trajectory.tum")
     places, turns = poses[:, 1:4], Rotation.from_quat(poses[:, 4:8])
     steps = turns[:-1].inv()
     turn = np.degrees((steps * turns[1:]).as_rotvec()[:, 2])
     push = steps.apply(np.diff(places, axis=0))[:, 2]
-    # Summed from frame to frame, for the axis turns with the tip.
-    return np.stack([np.convolve(part, np.ones(stretch), "valid") for part in (turn, push)], axis=1)
+    return np.stack([turn, push], axis=1)
 
 
 def correlation(said, true):
@@ -62,6 +63,8 @@ def correlation(said, true):
 
 def correlations(motion, state, stretch, lag):
     """r of rotation and insertion with what the state did `lag` frames before."""
+    # Summed from frame to frame, for the axis turns with the tip.
+    motion = np.stack([np.convolve(part, np.ones(stretch), "valid") for part in motion.T], axis=1)
     change = state[stretch:] - state[:-stretch]
     count = min(len(motion) - lag, len(change))
     return [correlation(motion[lag : lag + count, part], change[:count, part]) for part in (0, 1)]
@@ -90,7 +93,6 @@ def main():
     parser.add_argument("--hfov", type=float, default=90)
     parser.add_argument("--model", type=pathlib.Path)
     parser.add_argument("--judge", nargs="*", default=[])
-    parser.add_argument("--stretch", type=int, default=1)
     arguments = parser.parse_args()
     learned, judged = clips_of(arguments)
     arguments.out.mkdir()
@@ -103,22 +105,24 @@ def main():
         run, pictures = arguments.out / clip.name, arguments.out / f"{clip.name}-pictures"
         endoscape("run", clip, "--hfov", arguments.hfov, "--model", model, "--out", run)
         endoscape("convert", clip, pictures)
-        found[clip.name] = (motions_of(run, arguments.stretch), state_of(clip), lumen_is_far(run, pictures / "frames"))
-    table(found, arguments.stretch)
+        found[clip.name] = (motions_of(run), state_of(clip), lumen_is_far(run, pictures / "frames"))
+    table(found)
 
 
-def table(found, stretch):
-    by_lag = {
-        lag: {name: correlations(motion, state, stretch, lag) for name, (motion, state, _) in found.items()}
-        for lag in (0, 1)
-    }
-    lag = max(by_lag, key=lambda lag: np.nansum(list(by_lag[lag].values())))
-    print(f"image {lag} rows behind the state; r over {stretch} frames; - where the robot did not move that way\n")
+def table(found):
+    def of(lag):
+        return {
+            name: [correlations(motion, state, stretch, lag) for stretch in STRETCHES]
+            for name, (motion, state, _) in found.items()
+        }
+
+    lag = max((0, 1), key=lambda lag: np.nansum(list(of(lag).values())))
+    print(f"image {lag} rows behind the state; r over {STRETCHES} frames; - where the robot did not move that way\n")
     print("| clip | frames | r rotation | r insertion | lumen farther | depth, lumen / wall |\n|---|---|---|---|---|---|")
-    shown = lambda r: "-" if np.isnan(r) else f"{r:.2f}"
-    for name, (motion, _, (share, ratio)) in found.items():
-        rotation, insertion = by_lag[lag][name]
-        print(f"| {name} | {len(motion) + stretch} | {shown(rotation)} | {shown(insertion)} | {share:.0%} | {ratio:.2f} |")
+    for name, by_stretch in of(lag).items():
+        motion, _, (share, ratio) = found[name]
+        rotation, insertion = (", ".join("-" if np.isnan(r) else f"{r:.2f}" for r in part) for part in zip(*by_stretch))
+        print(f"| {name} | {len(motion) + 1} | {rotation} | {insertion} | {share:.0%} | {ratio:.2f} |")
 
 
 if __name__ == "__main__":
