@@ -96,8 +96,8 @@ mod tests {
 
     #[test]
     fn nobody_lingers_for_ever() {
-        let begun = Instant::now();
-        linger(begun + PATIENCE);
-        assert!(begun.elapsed() < 1000 * PATIENCE);
+        // Each comes back, or this test never ends: after its time, and at once where that is over.
+        linger(Instant::now() + PATIENCE);
+        linger(Instant::now());
     }
 }

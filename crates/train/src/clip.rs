@@ -127,8 +127,9 @@ impl Clip {
     fn read_labels(&mut self, labels: &Sequence) -> Result<(), TrainError> {
         for frame in &mut self.frames {
             let pose = labels.frames.get(frame.position).and_then(|entry| entry.world_from_camera);
+            let Some(world_from_camera) = pose else { continue };
             let depth = labels.read_depth(frame.position)?.map(|depth| resize::depth(&depth, frame.image.size()));
-            frame.label = pose.zip(depth).map(|(world_from_camera, depth)| Label { world_from_camera, depth });
+            frame.label = depth.map(|depth| Label { world_from_camera, depth });
         }
         Ok(())
     }

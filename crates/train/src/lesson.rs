@@ -5,6 +5,8 @@
 //! soon as a run has gone over it: labels that nobody drew. Their depth has one unit over a whole video, which the
 //! photometric loss does not ask for: there every picture may have its own.
 //!
+//! The run must have looked through the camera that the training assumes.
+//!
 //! ```text
 //! train --data VIDEO -> run VIDEO -> train --data VIDEO --labels RUN --init ...
 //! ```

@@ -417,6 +417,8 @@ impl<'a> Session<'a> {
             events.event(Event::Measured { name: name.into(), step: row.step, value });
         }
         let Metrics { coverage, depth_spread, reliability: mask, translation, rotation_rad: rotation, .. } = row;
+        // Labels alone look at no pixel, which is no collapse.
+        let coverage = if self.config.lesson.motion_alone { 1.0 } else { coverage };
         let sentences = self.watch.look(&Signs { coverage, depth_spread, mask, translation, rotation });
         sentences.into_iter().for_each(|sentence| events.event(Event::Warned(sentence.to_owned())));
         Ok(())

@@ -11,6 +11,7 @@ mod common;
 
 use burn::tensor::Device;
 use common::{SIZE, room_clip};
+use endoscape_core::Event;
 use endoscape_core::event::NullSink;
 use endoscape_nets::NetsConfig;
 use endoscape_train::augment::AugmentConfig;
@@ -51,21 +52,29 @@ fn labelled(frames: usize) -> Clip {
     clip
 }
 
-#[test]
-fn what_labels_say_is_learned() {
-    let config = config();
+/// Trains on labelled pictures of the room; returns what was logged and what was warned of.
+fn trained(config: TrainConfig) -> (Vec<Metrics>, Vec<String>) {
     let data = SnippetDataset::new(vec![Arc::new(labelled(6))], 3, &config.gap, &mut NullSink).unwrap();
     assert_eq!(data.labelled_frames(), 6);
     let folder = tempfile::tempdir().unwrap();
     let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
     let (device, device_name) = (Device::flex(), "cpu".to_owned());
     let job = TrainJob { config, data: Arc::new(data), validation: None, init: None, device, device_name };
-    train(&job, &run, &mut NullSink).unwrap();
-    let rows: Vec<Metrics> =
-        csv::Reader::from_path(run.root().join("metrics.csv")).unwrap().deserialize().map(Result::unwrap).collect();
-    let mean = |rows: &[Metrics], figure: fn(&Metrics) -> f32| {
-        rows.iter().map(|row| f64::from(figure(row))).sum::<f64>() / rows.len() as f64
-    };
+    let mut events = Vec::new();
+    train(&job, &run, &mut events).unwrap();
+    let mut table = csv::Reader::from_path(run.root().join("metrics.csv")).unwrap();
+    let rows = table.deserialize().map(Result::unwrap).collect();
+    let warning = |event: Event| if let Event::Warned(sentence) = event { Some(sentence) } else { None };
+    (rows, events.into_iter().filter_map(warning).collect())
+}
+
+fn mean(rows: &[Metrics], figure: fn(&Metrics) -> f32) -> f64 {
+    rows.iter().map(|row| f64::from(figure(row))).sum::<f64>() / rows.len() as f64
+}
+
+#[test]
+fn what_labels_say_is_learned() {
+    let (rows, _) = trained(config());
     for (name, figure) in
         [("depth", (|row| row.label_depth) as fn(&Metrics) -> f32), ("motion", |row| row.label_motion)]
     {
@@ -73,4 +82,16 @@ fn what_labels_say_is_learned() {
         eprintln!("{name}: {begin:.4} to {end:.4}");
         assert!(end < 0.5 * begin, "{name}: {begin} to {end}");
     }
+}
+
+#[test]
+fn the_motion_network_can_learn_alone() {
+    let mut config = config();
+    config.lesson.motion_alone = true;
+    let (rows, warnings) = trained(config);
+    let (begin, end) =
+        (mean(&rows[..5], |row| row.label_motion), mean(&rows[rows.len() - 20..], |row| row.label_motion));
+    assert!(end < 0.5 * begin, "{begin} to {end}");
+    assert!(rows.iter().all(|row| row.label_depth == 0.0 && row.photometric == 0.0));
+    assert!(warnings.is_empty(), "{warnings:?}");
 }

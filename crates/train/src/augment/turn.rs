@@ -9,7 +9,7 @@ use endoscape_core::{Camera, Pose, Size};
 use nalgebra::{Point2, Point3, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 
-/// Largest turn about each axis, radians: 4 degrees, some 8 pixels of 160 through a lens of 83 degrees.
+/// Largest turn about each axis, radians: 4 degrees, some 6 pixels of 160 through a lens of 83 degrees.
 const LARGEST: f64 = 0.07;
 
 /// Pixels between the places that are projected; between them they are interpolated.
