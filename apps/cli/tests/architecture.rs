@@ -22,7 +22,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "endoscape-train",
         &["endoscape-core", "endoscape-frames", "endoscape-kernels", "endoscape-nets", "endoscape-synthesis"],
     ),
-    ("endoscape-odometry", &["endoscape-baselines", "endoscape-core", "endoscape-frames", "endoscape-nets"]),
+    (
+        "endoscape-odometry",
+        &["endoscape-baselines", "endoscape-core", "endoscape-frames", "endoscape-nets", "endoscape-synthesis"],
+    ),
     ("endoscape-report", &["endoscape-core", "endoscape-frames", "endoscape-eval"]),
     ("endoscape-sim", &["endoscape-core", "endoscape-frames"]),
     ("endoscape", ROOMS),

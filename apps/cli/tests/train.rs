@@ -89,11 +89,17 @@ fn what_a_run_found_out_is_learned_too() {
     let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let columns = lines.next().unwrap();
     let rows: Vec<_> = lines.collect();
-    for name in ["label_depth", "label_motion"] {
+    for name in ["label_depth", "label_motion", "label_alignment"] {
         let column = columns.iter().position(|column| *column == name).unwrap();
         let figures: Vec<f64> = rows.iter().map(|row| row[column].parse().unwrap()).collect();
         assert!(figures.len() == 6 && figures.iter().all(|figure| *figure > 0.0), "{name}: {figures:?}");
     }
+
+    // Labels have made an alignment network, which takes part at work.
+    let manifest = |run: &str| fs::read_to_string(place.path(run).join("latest/manifest.json")).unwrap();
+    assert!(manifest("second").contains("\"align\"") && !manifest("first").contains("\"align\""));
+    succeed(&["run", &tube(), "--model", &path("second"), "--networks-only", "--out", &path("again")]);
+    assert!(fs::read_to_string(place.path("again/frames.csv")).unwrap().lines().count() > 2);
 
     let sentence = fail(&strs(&with_labels("third", &["found", "found"])));
     assert!(sentence.contains("--labels names 2 runs but --data 1 inputs"), "{sentence}");

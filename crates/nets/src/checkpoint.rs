@@ -2,12 +2,13 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `weights.safetensors` | tensors named `disp.NAME` and `pose.NAME`, with SfMLearner's names |
+//! | `weights.safetensors` | tensors named `disp.NAME` and `pose.NAME`, with SfMLearner's names, and `align.NAME` |
 //! | `config.toml` | [`NetsConfig`] |
 //! | `manifest.json` | [`Manifest`] |
 //!
 //! A folder is written beside its place and then renamed, so there is always a complete one to load.
 
+use crate::align_net::AlignNet;
 use crate::config::NetsConfig;
 use crate::disp_net::DispNet;
 use crate::error::NetsError;
@@ -20,8 +21,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// The newest checkpoint format this program reads and the one it writes.
-pub const FORMAT: u32 = 1;
+/// The newest checkpoint format this program reads. It writes the oldest that holds what there is: 1, or 2 with an
+/// alignment network.
+pub const FORMAT: u32 = 2;
+const WITHOUT_ALIGNMENT: u32 = 1;
 
 pub(crate) const WEIGHTS: &str = "weights.safetensors";
 pub(crate) const CONFIG: &str = "config.toml";
@@ -49,7 +52,7 @@ pub struct Manifest {
     /// What the folder holds; set when saving.
     #[serde(default)]
     pub kind: ModelKind,
-    /// The depth and motion networks in the weight file; set when saving.
+    /// The networks in the weight file; set when saving.
     pub networks: Vec<Network>,
     /// Training steps taken.
     #[serde(default)]
@@ -74,7 +77,7 @@ pub struct Manifest {
 impl Default for Manifest {
     fn default() -> Self {
         Self {
-            format: FORMAT,
+            format: WITHOUT_ALIGNMENT,
             endoscape_version: env!("CARGO_PKG_VERSION").to_string(),
             kind: ModelKind::default(),
             networks: Vec::new(),
@@ -94,8 +97,9 @@ impl Manifest {
     /// # Errors
     /// [`NetsError::Io`] about the folder at `path`.
     pub(crate) fn text(&self, kind: ModelKind, networks: Vec<Network>, path: &Path) -> Result<String, NetsError> {
-        let mut manifest = Self { kind, networks, ..self.clone() };
-        (manifest.format, manifest.endoscape_version) = (FORMAT, env!("CARGO_PKG_VERSION").to_string());
+        let format = if networks.contains(&Network::Align) { FORMAT } else { WITHOUT_ALIGNMENT };
+        let mut manifest = Self { kind, networks, format, ..self.clone() };
+        manifest.endoscape_version = env!("CARGO_PKG_VERSION").to_string();
         // JSON has no NaN: a figure that is none would make the folder unreadable.
         manifest.validation.retain(|_, figure| figure.is_finite());
         serde_json::to_string_pretty(&manifest)
@@ -125,7 +129,8 @@ pub struct DataSource {
     pub fingerprint: String,
 }
 
-/// A trained model: both networks, or one of them after the import of a single file.
+/// A trained model: depth and motion network, or one of them after the import of a single file, and perhaps the
+/// alignment network.
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
     /// What the networks are made of; the part of an absent network is the default.
@@ -134,18 +139,20 @@ pub struct Checkpoint {
     pub disp: Option<DispNet>,
     /// The motion and reliability network.
     pub pose: Option<PoseMaskNet>,
+    /// The alignment network: only models that have learned from labels have one.
+    pub align: Option<AlignNet>,
     /// Where the model comes from.
     pub manifest: Manifest,
 }
 
 impl Checkpoint {
-    /// The untrained model of `seed`.
+    /// The untrained depth and motion network of `seed`.
     ///
     /// # Errors
     /// [`NetsError::Config`] when a setting is impossible.
     pub fn init(config: NetsConfig, seed: u64, device: &Device) -> Result<Self, NetsError> {
         let (disp, pose) = (Some(config.disp.init(seed, device)?), Some(config.pose.init(seed, device)?));
-        Ok(Self { config, disp, pose, manifest: Manifest::default() })
+        Ok(Self { config, disp, pose, align: None, manifest: Manifest::default() })
     }
 
     /// Takes over the networks `other` has, with their configuration.
@@ -155,6 +162,9 @@ impl Checkpoint {
         }
         if other.pose.is_some() {
             (self.pose, self.config.pose) = (other.pose, other.config.pose);
+        }
+        if other.align.is_some() {
+            (self.align, self.config.align) = (other.align, other.config.align);
         }
         self.manifest.origin = other.manifest.origin.or_else(|| self.manifest.origin.take());
     }
@@ -182,12 +192,20 @@ impl Checkpoint {
         files::replace_folder(path, |folder| {
             self.write_weights(&folder.join(WEIGHTS))?;
             files::write_durably(&folder.join(CONFIG), self.config.to_toml()?.as_bytes())?;
-            let networks = [self.disp.as_ref().map(|_| Network::Disp), self.pose.as_ref().map(|_| Network::Pose)];
-            let networks = networks.into_iter().flatten().collect();
-            let manifest = self.manifest.text(ModelKind::DepthMotion, networks, path)?;
+            let manifest = self.manifest.text(ModelKind::DepthMotion, self.networks(), path)?;
             files::write_durably(&folder.join(MANIFEST), manifest.as_bytes())?;
             extra(folder)
         })
+    }
+
+    /// The networks it has.
+    fn networks(&self) -> Vec<Network> {
+        let has = |network: &Network| match network {
+            Network::Disp => self.disp.is_some(),
+            Network::Pose => self.pose.is_some(),
+            Network::Align => self.align.is_some(),
+        };
+        Network::ALL.into_iter().filter(has).collect()
     }
 
     /// Where the last complete checkpoint of `path` is: there, or beside it if a replacement was interrupted.
@@ -221,7 +239,7 @@ impl Checkpoint {
 
     /// A checkpoint without networks yet.
     pub(crate) fn empty(config: NetsConfig, manifest: Manifest) -> Self {
-        Self { config, disp: None, pose: None, manifest }
+        Self { config, disp: None, pose: None, align: None, manifest }
     }
 
     /// Builds one network as configured and fills it with the arrays of the file at `path`.
@@ -252,6 +270,12 @@ impl Checkpoint {
                 let net = self.pose.insert(self.config.pose.build(None, device)?);
                 apply(net, arrays, naming::pose_mask_net).map_err(mismatch)
             }
+            Network::Align => {
+                self.config.align.validate().map_err(impossible)?;
+                check_size(self.config.align.parameter_count(), &arrays).map_err(mismatch)?;
+                let net = self.align.insert(self.config.align.build(None, device)?);
+                apply(net, arrays, str::to_owned).map_err(mismatch)
+            }
         }
     }
 
@@ -273,6 +297,9 @@ impl Checkpoint {
         if let Some(pose) = &self.pose {
             let rename = |name: &str| format!("{}{}", Network::Pose.prefix(), naming::pose_mask_net(name));
             arrays.extend(collect(pose, rename).map_err(unreadable)?);
+        }
+        if let Some(align) = &self.align {
+            arrays.extend(collect(align, |name| format!("{}{name}", Network::Align.prefix())).map_err(unreadable)?);
         }
         write_safetensors(path, &arrays, HashMap::from([(CONFIG_KEY.to_string(), self.config.to_toml()?)]))
     }

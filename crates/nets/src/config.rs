@@ -1,5 +1,6 @@
-//! Which networks to build: both configurations, their presets and their TOML form.
+//! Which networks to build: their configurations, their presets and their TOML form.
 
+use crate::align_net::AlignNetConfig;
 use crate::disp_net::DispNetConfig;
 use crate::error::NetsError;
 use crate::layers::Padding;
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// More channels than any published network of this family has; a number beyond is a slip or a damaged file.
 const MAX_CHANNELS: usize = 4096;
 
-/// Configuration of the depth and the motion network, saved as `config.toml` in a checkpoint folder.
+/// Configuration of the networks, saved as `config.toml` in a checkpoint folder.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetsConfig {
@@ -17,6 +18,8 @@ pub struct NetsConfig {
     pub disp: DispNetConfig,
     /// The motion and reliability network.
     pub pose: PoseMaskNetConfig,
+    /// The alignment network, where a model has one.
+    pub align: AlignNetConfig,
 }
 
 impl NetsConfig {
@@ -33,6 +36,7 @@ impl NetsConfig {
                 padding,
                 ..PoseMaskNetConfig::default()
             },
+            align: AlignNetConfig::default(),
         }
     }
 
@@ -41,7 +45,11 @@ impl NetsConfig {
     /// By `benches/widths.rs` a quarter makes depth five to six times faster than full width and gradients three to
     /// four times; the motion network is cheap at any width. Provisional until training decides what quality it costs.
     pub fn fast() -> Self {
-        Self { disp: DispNetConfig::default().with_width(0.25), pose: PoseMaskNetConfig::default().with_width(0.5) }
+        Self {
+            disp: DispNetConfig::default().with_width(0.25),
+            pose: PoseMaskNetConfig::default().with_width(0.5),
+            align: AlignNetConfig::default(),
+        }
     }
 
     /// Our best guess, provisional until results decide: the full width of SfMLearner's PyTorch port, whose published
@@ -64,7 +72,8 @@ impl NetsConfig {
     /// [`NetsError::Config`] naming the setting no network can be built from.
     pub fn validate(&self) -> Result<(), NetsError> {
         self.disp.validate()?;
-        self.pose.validate()
+        self.pose.validate()?;
+        self.align.validate()
     }
 
     /// The TOML form of the configuration.
@@ -133,6 +142,7 @@ mod tests {
             ("[disp]\nencoder = [0, 1, 1, 1, 1, 1, 1]", "`disp.encoder` holds 0"),
             ("[pose]\nsnippet_length = 4", "`pose.snippet_length` is 4"),
             ("[pose]\nmask_kernels = [1, 3, 3, 3, 3]", "`pose.mask_kernels` holds 1"),
+            ("[align]\nencoder = [0, 1, 1, 1, 1]", "`align.encoder` holds 0"),
             ("[disp]\nencoder = 3", "`line 2`"),
             ("[disp]\ndepth = 3", "`line 2`"),
             ("[disp", "`line 1`"),

@@ -4,6 +4,7 @@
 //! those; what shapes cannot tell (alpha, beta, padding, the meaning of the rotation) is taken from the metadata our
 //! own files carry, else from the port.
 
+use crate::align_net::AlignNetConfig;
 use crate::checkpoint::{Checkpoint, Manifest};
 use crate::config::NetsConfig;
 use crate::disp_net::DispNetConfig;
@@ -19,7 +20,7 @@ use std::path::Path;
 /// Key of our configuration in the metadata of our safetensors files.
 pub(crate) const CONFIG_KEY: &str = "config";
 
-/// One of the two networks.
+/// One of the networks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Network {
@@ -27,16 +28,19 @@ pub enum Network {
     Disp,
     /// [`PoseMaskNet`](crate::PoseMaskNet).
     Pose,
+    /// [`AlignNet`](crate::AlignNet).
+    Align,
 }
 
 impl Network {
-    const ALL: [Self; 2] = [Self::Disp, Self::Pose];
+    pub(crate) const ALL: [Self; 3] = [Self::Disp, Self::Pose, Self::Align];
 
-    /// What its tensors' names begin with in a file that holds both networks.
+    /// What its tensors' names begin with in a file that holds several networks.
     pub(crate) fn prefix(self) -> &'static str {
         match self {
             Self::Disp => "disp.",
             Self::Pose => "pose.",
+            Self::Align => "align.",
         }
     }
 }
@@ -46,14 +50,15 @@ impl fmt::Display for Network {
         out.write_str(match self {
             Self::Disp => "depth network",
             Self::Pose => "motion network",
+            Self::Align => "alignment network",
         })
     }
 }
 
 impl Checkpoint {
-    /// Reads a weight file: one network, or both if its names begin with `disp.` and `pose.`.
+    /// Reads a weight file: one network, or several if its names begin with `disp.`, `pose.` and `align.`.
     ///
-    /// `only` demands one of the two. The report lists every tensor that was taken over; there is an error unless
+    /// `only` demands one of them. The report lists every tensor that was taken over; there is an error unless
     /// that is every tensor of the file and of the network.
     ///
     /// # Errors
@@ -68,6 +73,7 @@ impl Checkpoint {
                 _ if declared.is_some() => {}
                 Network::Disp => checkpoint.config.disp = disp_config(path, &part)?,
                 Network::Pose => checkpoint.config.pose = pose_config(path, &part)?,
+                Network::Align => checkpoint.config.align = align_config(path, &part)?,
             }
             report.matched.extend(checkpoint.restore(network, path, part, REMEDY, device)?.matched);
         }
@@ -108,6 +114,9 @@ fn networks(path: &Path, arrays: &NamedArrays, only: Option<Network>) -> Result<
     if holds(Network::Pose.prefix()) || holds("pose_pred") {
         found.push(Network::Pose);
     }
+    if holds(Network::Align.prefix()) {
+        found.push(Network::Align);
+    }
     if found.is_empty() {
         return Err(NetsError::mismatch(path, "holds neither a depth network nor a motion network", REMEDY));
     }
@@ -133,7 +142,7 @@ pub(crate) fn take_network(arrays: &mut NamedArrays, network: Network) -> NamedA
 }
 
 /// # Errors
-/// [`NetsError::Mismatch`] naming an array that belongs to neither network.
+/// [`NetsError::Mismatch`] naming an array that belongs to no network.
 pub(crate) fn refuse_leftovers(path: &Path, arrays: &NamedArrays, remedy: &'static str) -> Result<(), NetsError> {
     match arrays.keys().next() {
         Some(name) => Err(NetsError::mismatch(path, format!("holds an unknown tensor {name}"), remedy)),
@@ -172,6 +181,15 @@ fn pose_config(path: &Path, arrays: &NamedArrays) -> Result<PoseMaskNetConfig, N
             config.mask_decoder[stage] = extent(path, arrays, &name, 1)?;
             config.mask_kernels[stage] = extent(path, arrays, &name, 2)?;
         }
+    }
+    Ok(config)
+}
+
+/// Reads the configuration of the alignment network off its shapes.
+fn align_config(path: &Path, arrays: &NamedArrays) -> Result<AlignNetConfig, NetsError> {
+    let mut config = AlignNetConfig::default();
+    for stage in 0..5 {
+        config.encoder[stage] = extent(path, arrays, &format!("encoder.{stage}.conv.weight"), 0)?;
     }
     Ok(config)
 }

@@ -1,9 +1,10 @@
-//! The two networks of the method, the recurrent one of its rival, their checkpoints, and weights in and out.
+//! The networks of the method, the recurrent one of its rival, their checkpoints, and weights in and out.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`disp_net`] | [`DispNet`]: one picture to a [`DisparityPyramid`] |
 //! | [`pose_mask_net`] | [`PoseMaskNet`]: a snippet to a [`PoseMask`] of motions and reliability |
+//! | [`align_net`] | [`AlignNet`]: evidence against a motion to the motion that is left |
 //! | [`recurrent_vo`] | [`RecurrentVo`]: pairs of frames to motions, with a memory; its [`RecurrentCheckpoint`] |
 //! | [`config`] | [`NetsConfig`] and its presets |
 //! | [`input`] | pictures as the networks see them |
@@ -11,11 +12,12 @@
 //! | [`import`] | weights of PyTorch and safetensors files |
 //! | [`plan`] | [`InferencePlan`]: the networks prepared for one picture size on the processor |
 //! | [`onnx`] | export for other programs |
-//! | [`layers`] | the blocks both are made of |
+//! | [`layers`] | the blocks they are made of |
 //!
 //! Pictures are `[batch, 3, height, width]`, RGB in [-1, 1], of any size. The device decides between training and
 //! inference: on an autodiff device gradients are recorded and batch normalisation uses the batch's statistics.
 
+pub mod align_net;
 pub mod checkpoint;
 pub mod config;
 mod conv;
@@ -35,6 +37,7 @@ pub mod recurrent_vo;
 mod tests;
 mod weights;
 
+pub use align_net::{AlignNet, AlignNetConfig, EVIDENCE_CHANNELS};
 pub use checkpoint::{Checkpoint, DataSource, Manifest, ModelKind, TrainedInput};
 pub use config::NetsConfig;
 pub use conv::recycle;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 fn tiny() -> NetsConfig {
     let config = NetsConfig::paper();
-    NetsConfig { disp: config.disp.with_width(0.01), pose: config.pose.with_width(0.05) }
+    NetsConfig { disp: config.disp.with_width(0.01), pose: config.pose.with_width(0.05), ..config }
 }
 
 fn saved(folder: &Path) -> Checkpoint {

@@ -80,7 +80,7 @@ fn parameter_counts_are_those_of_the_published_networks() {
     assert_eq!(millions(port.disp.parameter_count()), 31.60);
     assert_eq!(millions(port.pose.motion_parameter_count()), 1.59);
     for config in [NetsConfig::fast(), NetsConfig::paper()] {
-        let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose };
+        let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose, ..config };
         assert_eq!(config.disp.init(0, &device).unwrap().num_params(), config.disp.parameter_count());
         assert_eq!(config.pose.init(0, &device).unwrap().num_params(), config.pose.parameter_count());
     }

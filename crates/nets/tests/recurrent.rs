@@ -35,7 +35,7 @@ fn the_wrong_kind_of_model_is_one_sentence() {
     let (recurrent, joint) = (root.path().join("recurrent"), root.path().join("joint"));
     saved(&recurrent);
     let fast = NetsConfig::fast();
-    let tiny = NetsConfig { disp: fast.disp.with_width(0.05), pose: fast.pose.with_width(0.1) };
+    let tiny = NetsConfig { disp: fast.disp.with_width(0.05), pose: fast.pose.with_width(0.1), ..fast };
     Checkpoint::init(tiny, 0, &Device::flex()).unwrap().save(&joint).unwrap();
     let sentence = Checkpoint::load(&recurrent, &Device::flex()).unwrap_err().to_string();
     assert!(sentence.contains("holds a recurrent network") && sentence.contains("--method recurrent"), "{sentence}");

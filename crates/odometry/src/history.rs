@@ -25,6 +25,7 @@ use crate::scale::Scale;
 use endoscape_baselines::direct::align::Reference;
 use endoscape_core::{Grid, Image, Pose};
 use endoscape_frames::parallax::{Thumbnail, displacement};
+use endoscape_synthesis::Alignment;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -62,6 +63,8 @@ pub struct Keyframe {
     pub scale: Scale,
     /// For refining the motions from it; `None` where they are not.
     pub reference: Option<Reference>,
+    /// For the alignment network; `None` without one.
+    pub alignment: Option<Alignment>,
     /// Frames before it, oldest first.
     before: Vec<View>,
     /// The keyframe it was measured against.
@@ -119,7 +122,7 @@ impl Keyframe {
         depth: Arc<Grid<f32>>,
         scale: Scale,
     ) -> Self {
-        Self { view, luma, thumbnail, depth, scale, reference: None, before: Vec::new(), previous: None }
+        Self { view, luma, thumbnail, depth, scale, reference: None, alignment: None, before: Vec::new(), previous: None }
     }
 }
 

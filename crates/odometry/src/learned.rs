@@ -1,11 +1,13 @@
 //! [`LearnedOdometry`]: the networks as an [`Odometry`], [`LearnedDepth`]: the depth network as a [`DepthEstimator`].
 //!
 //! A frame's way through [`LearnedOdometry::track`]: resized as in training; looked at for flaws; its depth predicted;
-//! its motion against the anchor measured in a window ([`crate::history`]) and sharpened ([`crate::refine`]); its depth
+//! its motion against the anchor measured in a window ([`crate::history`]), corrected ([`crate::align`]) and sharpened
+//! ([`crate::refine`]); its depth
 //! corrected by what the motion has measured ([`crate::correct`]); compared with the anchor for the unit of length ([`crate::scale`]) and for trust ([`crate::confidence`]); chained. Invariants:
 //! the state has a bounded size, every frame gets a finite pose, and the same frames give the same poses.
 
 use crate::OdometryError;
+use crate::align::Aligner;
 use crate::chain::{self, Motion};
 use crate::confidence::likeness;
 use crate::config::OdometryConfig;
@@ -23,6 +25,7 @@ use endoscape_core::{
 use endoscape_frames::parallax::Thumbnail;
 use endoscape_frames::preprocess::resize;
 use endoscape_nets::Checkpoint;
+use endoscape_synthesis::{CameraBatch, SynthesisError};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -87,6 +90,7 @@ impl DepthEstimator for LearnedDepth {
 pub struct LearnedOdometry {
     depth: LearnedDepth,
     motion: Box<dyn MotionModel>,
+    aligner: Option<Aligner>,
     config: OdometryConfig,
     lens: Option<Lens>,
     history: Option<History>,
@@ -110,6 +114,8 @@ struct Lens {
     lattice: Reprojector,
     /// For maps.
     dense: Reprojector,
+    /// For the alignment network, if there is one.
+    aligned: Option<CameraBatch>,
     /// For sharpening motions, where that is wanted.
     refiner: Option<Refiner>,
 }
@@ -124,6 +130,19 @@ struct Present {
     depth: Arc<Grid<f32>>,
 }
 
+/// A frame to be aligned with an anchor.
+#[derive(Clone, Copy)]
+struct Picture<'a> {
+    image: &'a Image,
+    contrast: Option<&'a Contrast>,
+}
+
+impl<'a> Picture<'a> {
+    fn of(present: &'a Present) -> Self {
+        Self { image: &present.image, contrast: present.contrast.as_deref() }
+    }
+}
+
 /// What comparing the frame with its anchor says.
 struct Comparison {
     scale: Scale,
@@ -132,14 +151,15 @@ struct Comparison {
 }
 
 impl LearnedOdometry {
-    /// Takes both networks of a checkpoint on `device`.
+    /// Takes the networks of a checkpoint on `device`.
     ///
     /// # Errors
     /// [`OdometryError`] for an impossible configuration or a missing network.
     pub fn new(checkpoint: Checkpoint, config: OdometryConfig, device: &Device) -> Result<Self, OdometryError> {
         let depth = DepthNetwork::new(checkpoint.disp, device)?;
         let motion = MotionNetwork::new(checkpoint.pose, device)?;
-        Self::from_models(Box::new(depth), Box::new(motion), config)
+        let aligner = checkpoint.align.map(|net| Aligner::new(net, device.clone()));
+        Ok(Self { aligner, ..Self::from_models(Box::new(depth), Box::new(motion), config)? })
     }
 
     /// Takes any two models.
@@ -155,6 +175,7 @@ impl LearnedOdometry {
         Ok(Self {
             depth: LearnedDepth { network: depth, size: config.size },
             motion,
+            aligner: None,
             config,
             lens: None,
             history: None,
@@ -197,14 +218,16 @@ impl LearnedOdometry {
         let lens = |camera: &Arc<Camera>| {
             let reprojector = |count| Reprojector::new(camera, self.config.size, count);
             let refiner = self.config.refine.then(|| Refiner::new(camera)).transpose()?;
+            let aligned = self.aligner.as_ref().map(|aligner| aligner.camera(camera, self.config.size)).transpose()?;
             Ok(Lens {
                 camera: camera.clone(),
                 lattice: reprojector(LATTICE)?,
                 dense: reprojector(usize::MAX)?,
+                aligned,
                 refiner,
             })
         };
-        let impossible = |error: endoscape_core::CameraError| TrackError::Unsuitable {
+        let impossible = |error: SynthesisError| TrackError::Unsuitable {
             method: NAME,
             index: self.position,
             reason: error.to_string(),
@@ -240,7 +263,7 @@ impl LearnedOdometry {
     /// The first usable frame has the latest known pose; usually it is the first of all and makes the world.
     fn begin(&mut self, present: &Present) -> Tracked {
         let view = present.view(self.path.pose());
-        let keyframe = present.keyframe(view, present.depth.clone(), Scale::default(), self.refiner());
+        let keyframe = self.keyframe(present, view, present.depth.clone(), Scale::default());
         let OdometryConfig { fixed_gap, least_displacement, .. } = self.config;
         let side = self.motion.side();
         self.history = Some(History::new(keyframe, Spacing { side, fixed_gap, least_displacement }));
@@ -272,7 +295,7 @@ impl LearnedOdometry {
         self.look_back(&mut history, &window, &motions);
         let guess = self.frame_from_anchor(&history, distance, &motions);
         let expected = self.path.expected();
-        let frame_from_anchor = self.sharpened(history.anchor_mut(), present.contrast.as_deref(), [guess, expected]);
+        let frame_from_anchor = self.measured_motion(history.anchor_mut(), Picture::of(present), [guess, expected]);
         self.clock.lap("refine");
         let tracked = self.place(&mut history, present, distance, (frame_from_anchor, motions.reliability.as_ref()));
         self.clock.lap("scale");
@@ -300,7 +323,8 @@ impl LearnedOdometry {
         let (anchor, world_from_previous) = (history.anchor_mut(), previous.world_from_camera);
         let forward = world_from_previous.inverse() * anchor.view.world_from_camera;
         let guesses = [*previous_from_anchor, world_from_previous];
-        let backward = self.sharpened(anchor, previous.contrast.as_deref(), guesses);
+        let picture = Picture { image: &previous.image, contrast: previous.contrast.as_deref() };
+        let backward = self.measured_motion(anchor, picture, guesses);
         let backward = chain::scaled(&backward, anchor.scale.factor());
         self.agreement = chain::agreement(&forward, &backward);
         anchor.view.world_from_camera = chain::renormalised(world_from_previous * chain::midway(&forward, &backward));
@@ -316,13 +340,16 @@ impl LearnedOdometry {
         }
     }
 
-    /// The motion from the anchor as the pictures have it; `guess`, the network's, where they do not say. `expected` is
-    /// the pose the camera has if it goes on as before.
-    fn sharpened(&self, anchor: &mut Keyframe, picture: Option<&Contrast>, [guess, expected]: [Pose; 2]) -> Pose {
-        let compared = anchor.reference.as_mut().zip(picture);
-        let Some(((reference, current), refiner)) = compared.zip(self.refiner()) else { return guess };
+    /// The motion from the anchor, in the unit of its depth, as the pictures have it; `guess`, the network's, where they
+    /// do not say. `expected` is the pose the camera has if it goes on as before.
+    fn measured_motion(&self, anchor: &mut Keyframe, picture: Picture<'_>, [guess, expected]: [Pose; 2]) -> Pose {
         let expected_from_anchor = expected.inverse() * anchor.view.world_from_camera;
         let expected = chain::scaled(&expected_from_anchor, 1.0 / anchor.scale.factor());
+        let aligner = self.aligner.as_ref().zip(anchor.alignment.as_ref());
+        let aligned = aligner.and_then(|(aligner, target)| aligner.aligned(target, picture.image, &[guess, expected]));
+        let guess = aligned.unwrap_or(guess);
+        let compared = anchor.reference.as_mut().zip(picture.contrast);
+        let Some(((reference, current), refiner)) = compared.zip(self.refiner()) else { return guess };
         refiner.refined(reference, current, &[guess, expected]).unwrap_or(guess)
     }
 
@@ -342,8 +369,8 @@ impl LearnedOdometry {
         let measured = self.measured(anchor, present, &frame_from_anchor, scale);
         let depth = measured.map_or_else(|| present.depth.clone(), Arc::new);
         let view = present.view(world_from_camera);
-        let keyframe = |view: View| present.keyframe(view, depth.clone(), scale, self.refiner());
-        let keyframe = (distance == Distance::Far).then(|| keyframe(view.clone()));
+        let keyframe =
+            (distance == Distance::Far).then(|| self.keyframe(present, view.clone(), depth.clone(), scale));
         history.remember(view, keyframe);
         let confidence = likeness * self.agreement;
         Tracked {
@@ -353,6 +380,18 @@ impl LearnedOdometry {
             reliability,
             warning: (confidence < self.config.lost_below).then(|| DOUBTFUL.to_owned()),
         }
+    }
+
+    /// A keyframe of a frame with `depth` in its own unit.
+    fn keyframe(&self, present: &Present, view: View, depth: Arc<Grid<f32>>, scale: Scale) -> Keyframe {
+        let sharp = self.refiner().zip(present.contrast.as_deref());
+        let reference = sharp.map(|(refiner, contrast)| refiner.reference(contrast, &depth));
+        let camera = self.lens.as_ref().and_then(|lens| lens.aligned.as_ref());
+        let aligner = self.aligner.as_ref().zip(camera);
+        let alignment = aligner.map(|(aligner, camera)| aligner.target(&present.image, &depth, camera));
+        let mut keyframe = Keyframe::new(view, present.luma.clone(), present.thumbnail.clone(), depth, scale);
+        (keyframe.reference, keyframe.alignment) = (reference, alignment);
+        keyframe
     }
 
     /// The frame's depth in its own unit, `scale`, as pictures have measured it at the anchor's points.
@@ -423,15 +462,6 @@ fn mean(grid: &Grid<f32>) -> f32 {
 impl Present {
     fn view(&self, world_from_camera: Pose) -> View {
         View { position: self.position, image: self.image.clone(), contrast: self.contrast.clone(), world_from_camera }
-    }
-
-    /// A keyframe of the frame with `depth` in its own unit.
-    fn keyframe(&self, view: View, depth: Arc<Grid<f32>>, scale: Scale, refiner: Option<&Refiner>) -> Keyframe {
-        let sharp = refiner.zip(self.contrast.as_deref());
-        let reference = sharp.map(|(refiner, contrast)| refiner.reference(contrast, &depth));
-        let mut keyframe = Keyframe::new(view, self.luma.clone(), self.thumbnail.clone(), depth, scale);
-        keyframe.reference = reference;
-        keyframe
     }
 }
 

@@ -5,6 +5,7 @@
 //!                                   | health     can anything be seen in this frame?
 //!                                   | networks   depth of the frame, motions of a window
 //!                                   | history    which frames make the window
+//!                                   | align      the motion once more, by a network that sees what is wrong with it
 //!                                   | refine     the motion to a fraction of a pixel
 //!                                   | correct    depth as the motion has measured it
 //!                                   | scale      one unit of length over the sequence
@@ -19,6 +20,7 @@
 //! | [`config`] | [`OdometryConfig`]: every limit with its origin |
 //! | [`networks`] | the networks behind plain pictures and poses |
 //! | [`history`] | keyframes, recent frames, and the window a motion is measured in |
+//! | [`align`] | the motion corrected by the alignment network |
 //! | [`refine`] | the motion sharpened by aligning brightness |
 //! | [`correct`] | depth maps corrected by points whose depth the motion has measured |
 //! | [`chain`] | means, predictions and scaled motions on SE(3) |
@@ -32,6 +34,7 @@
 //! Poses are `world_from_camera`, the world being the first frame. Lengths are in the unit the training gave the
 //! networks, which a single camera cannot tie to metres. Formulae: docs/math.md, "From motions to a trajectory".
 
+pub mod align;
 pub mod chain;
 pub mod confidence;
 pub mod config;

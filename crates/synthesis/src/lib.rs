@@ -5,6 +5,7 @@
 //! | [`motion`] | motion vectors to rigid transforms, three parametrisations |
 //! | [`camera`] | rays and a differentiable projection for every lens of [`endoscape_core`] |
 //! | [`warp`] | [`synthesize`]: the target view painted with a source picture |
+//! | [`alignment`] | [`Alignment`]: evidence of what is wrong with a motion |
 //! | [`photometric`], [`smoothness`], [`mask_loss`], [`geometry`], [`light`], [`brightness`] | the terms, one function each |
 //! | [`pyramid`] | scales of a picture |
 //! | [`config`] | [`ObjectiveConfig`]: which terms, how weighted; presets `paper`, `port`, `endo` |
@@ -15,6 +16,7 @@
 //! all work on whatever device the inputs live. Gradients come from Burn's, or from our own kernels, which have references
 //! in tensor operations: `flex.rs` has those for the processor, `cube.rs` those for GPUs, if a feature names one.
 
+pub mod alignment;
 pub mod brightness;
 pub mod camera;
 pub mod config;
@@ -33,6 +35,7 @@ pub mod pyramid;
 pub mod smoothness;
 pub mod warp;
 
+pub use alignment::Alignment;
 pub use camera::{CameraBatch, CameraPyramid, CameraScaling};
 pub use config::ObjectiveConfig;
 pub use error::SynthesisError;

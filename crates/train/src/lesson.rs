@@ -11,9 +11,11 @@
 //! train --data VIDEO -> run VIDEO -> train --data VIDEO --labels RUN --init ...
 //! ```
 //! - depth: mean over pixels of `|log depth - log depth_label|`, scale included
+//! - alignment: [`crate::alignment`]
 //! - motion: mean over snippets and sources of `|t - t_label|_1 + |R - R_label|_1 / 2`; translation is in the unit of depth,
 //!   of the order of the distance to the scene, so that it and the angle weigh alike
 
+use crate::alignment::Start;
 use crate::augment::turn::Turn;
 use crate::augment::view::ViewChange;
 use crate::clip::{ClipFrame, Label};
@@ -22,6 +24,7 @@ use crate::error::TrainError;
 use burn::tensor::{Device, Tensor, TensorData};
 use endoscape_core::{Pose, Size};
 use endoscape_synthesis::Prediction;
+use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 /// How much labels count beside the photometric loss.
@@ -33,13 +36,15 @@ pub struct LessonConfig {
     /// Weight of the motions. Default 20: an error of a tenth of a usual motion, 0.005, then costs as much as one of a
     /// tenth of the depth.
     pub motion_weight: f64,
-    /// Whether the motion network alone learns, and from labels alone: many more steps in the same time. Default off.
-    pub motion_alone: bool,
+    /// Weight of what the alignment network learns, which shares nothing with the others. Default 1.
+    pub alignment_weight: f64,
+    /// Whether the alignment network alone learns: many more steps in the same time. Default off.
+    pub alignment_alone: bool,
 }
 
 impl Default for LessonConfig {
     fn default() -> Self {
-        Self { depth_weight: 1.0, motion_weight: 20.0, motion_alone: false }
+        Self { depth_weight: 1.0, motion_weight: 20.0, alignment_weight: 1.0, alignment_alone: false }
     }
 }
 
@@ -47,7 +52,11 @@ impl LessonConfig {
     /// # Errors
     /// [`TrainError::Config`] for a weight that is no number from 0 on.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let weights = [("depth_weight", self.depth_weight), ("motion_weight", self.motion_weight)];
+        let weights = [
+            ("depth_weight", self.depth_weight),
+            ("motion_weight", self.motion_weight),
+            ("alignment_weight", self.alignment_weight),
+        ];
         match weights.into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
             Some((name, weight)) => {
                 Err(TrainError::config(format!("lesson.{name}"), format!("is {weight} but must be 0 or above")))
@@ -64,19 +73,29 @@ pub struct Lesson {
     depth: Vec<f32>,
     /// Of each source in time order.
     source_from_target: Vec<Pose>,
+    /// For each source, where the alignment network begins.
+    starts: Vec<Start>,
 }
 
 impl Lesson {
     /// The labels of a snippet, target first, as the changed and turned camera sees them; `None` unless every frame has one.
-    pub fn of(frames: &[&ClipFrame], change: &ViewChange, turns: &[Option<Turn>]) -> Option<Self> {
+    pub fn of(
+        frames: &[&ClipFrame],
+        change: &ViewChange,
+        turns: &[Option<Turn>],
+        rng: &mut impl Rng,
+    ) -> Option<Self> {
         let labels: Vec<&Label> = frames.iter().map(|frame| frame.label.as_ref()).collect::<Option<_>>()?;
         let (target, sources) = labels.split_first()?;
         let motion = |(source, turn): (&&Label, &Option<Turn>)| {
             let motion = change.motion(&(source.world_from_camera.inverse() * target.world_from_camera));
             turn.as_ref().map_or(motion, |turn| turn.motion(&motion))
         };
-        let source_from_target = sources.iter().zip(turns.iter().skip(1)).map(motion).collect();
-        Some(Self { depth: change.depth(&target.depth), source_from_target })
+        let source_from_target: Vec<Pose> = sources.iter().zip(turns.iter().skip(1)).map(motion).collect();
+        let depth = change.depth(&target.depth);
+        let typical = typical(&depth);
+        let starts = source_from_target.iter().map(|label| Start::draw(label, typical, rng)).collect();
+        Some(Self { depth, source_from_target, starts })
     }
 }
 
@@ -84,11 +103,15 @@ impl Lesson {
 #[derive(Clone, Debug)]
 pub struct Lessons {
     /// `[batch, 1, height, width]`, 0 where unknown.
-    depth: Tensor<4>,
+    pub(crate) depth: Tensor<4>,
     /// Of each source, `[batch, 3, 4]`.
-    source_from_target: Vec<Tensor<3>>,
+    pub(crate) source_from_target: Vec<Tensor<3>>,
+    /// For each source, the motion that the alignment network begins with, `[batch, 3, 4]`.
+    pub(crate) starts: Vec<Tensor<3>>,
+    /// For each source, what is missing from it, `[batch, 6]`.
+    pub(crate) left: Vec<Tensor<2>>,
     /// `[batch, 1, 1]`, 1 for snippets with a lesson, else 0.
-    given: Tensor<3>,
+    pub(crate) given: Tensor<3>,
 }
 
 /// How far a prediction is from the labels, each `[1]`.
@@ -109,16 +132,24 @@ impl Lessons {
         let depth =
             |lesson: &Option<&Lesson>| lesson.map_or_else(|| vec![0.0; size.area()], |known| known.depth.clone());
         let depth: Vec<f32> = lessons.iter().flat_map(depth).collect();
-        let motion = |source: usize| {
-            let rows = lessons.iter().flat_map(|lesson| {
-                rows(&lesson.and_then(|known| known.source_from_target.get(source).copied()).unwrap_or_default())
-            });
+        let transforms = |of: &dyn Fn(&Lesson) -> Option<Pose>| {
+            let rows = lessons.iter().flat_map(|lesson| rows(&lesson.and_then(of).unwrap_or_default()));
             Tensor::from_data(TensorData::new(rows.collect::<Vec<f32>>(), [batch, 3, 4]), device)
+        };
+        let motion = |source: usize| transforms(&|lesson| lesson.source_from_target.get(source).copied());
+        let start = |source: usize| transforms(&|lesson| Some(lesson.starts.get(source)?.source_from_target));
+        let left = |source: usize| {
+            let start = |lesson: &Option<&Lesson>| lesson.and_then(|known| known.starts.get(source).copied());
+            let numbers = lessons.iter().flat_map(|lesson| start(lesson).map_or([0.0; 6], |start| start.left));
+            let numbers: Vec<f32> = numbers.map(|number| number as f32).collect();
+            Tensor::from_data(TensorData::new(numbers, [batch, 6]), device)
         };
         let given: Vec<f32> = lessons.iter().map(|lesson| f32::from(u8::from(lesson.is_some()))).collect();
         Some(Self {
             depth: Tensor::from_data(TensorData::new(depth, [batch, 1, size.height, size.width]), device),
             source_from_target: (0..sources).map(motion).collect(),
+            starts: (0..sources).map(start).collect(),
+            left: (0..sources).map(left).collect(),
             given: Tensor::from_data(TensorData::new(given, [batch, 1, 1]), device),
         })
     }
@@ -156,6 +187,12 @@ impl LessonLoss {
     pub fn weighted(&self, config: &LessonConfig) -> Tensor<1> {
         self.depth.clone() * config.depth_weight + self.motion.clone() * config.motion_weight
     }
+}
+
+/// The geometric mean of the depths that are known; 1 where none is.
+fn typical(depth: &[f32]) -> f64 {
+    let known = || depth.iter().filter(|depth| **depth > 0.0).map(|depth| f64::from(*depth).ln());
+    (known().sum::<f64>() / known().count().max(1) as f64).exp()
 }
 
 /// `[R | t]` row after row.

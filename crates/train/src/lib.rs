@@ -12,6 +12,7 @@
 //! | [`gap`] | how far apart the frames of a snippet are |
 //! | [`dataset`] | [`SnippetDataset`]: all snippets, drawn by seed and step |
 //! | [`augment`](mod@augment) | the same snippet as it could also have been |
+//! | [`alignment`] | what the alignment network learns from labels |
 //! | [`lesson`] | what labels from a run teach beside the pictures |
 //! | [`batch`], [`loader`] | snippets to tensors, made ahead by threads |
 //! | [`model`], [`optimizer`], [`schedule`] | both networks, Adam, the learning rate |
@@ -27,6 +28,7 @@
 //! [`Event`](endoscape_core::Event)s.
 
 pub mod adapt;
+pub mod alignment;
 pub mod augment;
 pub mod batch;
 pub mod clip;

@@ -1,19 +1,21 @@
-//! Both networks as one module, so that one optimiser moves them together.
+//! All networks as one module, so that one optimiser moves them together.
 
 use crate::batch::SnippetBatch;
 use crate::error::TrainError;
 use burn::module::{Module, ModuleMapper, Param, ParamId};
-use burn::tensor::Tensor;
-use endoscape_nets::{Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet};
+use burn::tensor::{Device, Tensor};
+use endoscape_nets::{AlignNet, Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet};
 use endoscape_synthesis::{Prediction, source_from_target};
 
-/// The depth and the motion network.
+/// The depth and the motion network, and perhaps the alignment network.
 #[derive(Module, Debug)]
 pub struct DepthMotionModel {
     /// One picture to disparity.
     pub disp: DispNet,
     /// A snippet to motions and reliability.
     pub pose: PoseMaskNet,
+    /// What speaks against a motion to what is left of it; only models that have learned from labels have it.
+    pub align: Option<AlignNet>,
 }
 
 /// What the networks say about a batch, with the parts the trainer looks at.
@@ -22,6 +24,19 @@ pub struct Output {
     pub prediction: Prediction,
     /// `[batch, sources, 6]`.
     pub motion: Tensor<3>,
+}
+
+impl Output {
+    /// Nothing at all.
+    pub fn nothing(device: &Device) -> Self {
+        let prediction = Prediction {
+            disparities: Vec::new(),
+            source_from_target: Vec::new(),
+            masks: Vec::new(),
+            source_disparities: Vec::new(),
+        };
+        Self { prediction, motion: Tensor::zeros([1, 1, 6], device) }
+    }
 }
 
 impl DepthMotionModel {
@@ -33,12 +48,13 @@ impl DepthMotionModel {
         let missing = |network: &str| TrainError::config("init", format!("names a checkpoint without a {network}"));
         let disp = checkpoint.disp.ok_or_else(|| missing("depth network"))?;
         let pose = checkpoint.pose.ok_or_else(|| missing("motion network"))?;
-        Ok(numbered(Self { disp, pose }))
+        Ok(numbered(Self { disp, pose, align: checkpoint.align }))
     }
 
     /// A checkpoint of these weights.
     pub fn to_checkpoint(&self, config: NetsConfig, manifest: Manifest) -> Checkpoint {
-        Checkpoint { config, disp: Some(self.disp.clone()), pose: Some(self.pose.clone()), manifest }
+        let (disp, pose) = (Some(self.disp.clone()), Some(self.pose.clone()));
+        Checkpoint { config, disp, pose, align: self.align.clone(), manifest }
     }
 
     /// Runs both networks.
@@ -58,19 +74,6 @@ impl DepthMotionModel {
             source_disparities: disparities.collect(),
         };
         Output { prediction, motion: pose.motion }
-    }
-
-    /// Runs the motion network alone.
-    pub fn predict_motion(&self, batch: &SnippetBatch) -> Output {
-        let (target, sources) = (&batch.motion_inputs[0], &batch.motion_inputs[1..]);
-        let motion = self.pose.forward_motion(target.clone(), sources);
-        let prediction = Prediction {
-            disparities: Vec::new(),
-            source_from_target: self.transforms(&motion),
-            masks: Vec::new(),
-            source_disparities: Vec::new(),
-        };
-        Output { prediction, motion }
     }
 
     /// Of each source, `[batch, 3, 4]`.

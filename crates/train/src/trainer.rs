@@ -4,6 +4,7 @@
 //! together and once.
 
 use crate::adapt::Judge;
+use crate::alignment::alignment_loss;
 use crate::batch::SnippetBatch;
 use crate::collapse::{CollapseWatch, Signs, VitalSigns};
 use crate::config::{Criterion, TrainConfig};
@@ -87,6 +88,8 @@ pub struct Metrics {
     pub label_depth: f32,
     /// Distance from the motions of the labels before its weight; 0 without labels.
     pub label_motion: f32,
+    /// See [`alignment_loss`]; 0 without labels.
+    pub label_alignment: f32,
     /// Share of pixels that count.
     pub coverage: f32,
     /// See [`VitalSigns::depth_spread`].
@@ -110,6 +113,7 @@ impl Metrics {
             ("loss/geometry", f64::from(self.geometry)),
             ("loss/label_depth", f64::from(self.label_depth)),
             ("loss/label_motion", f64::from(self.label_motion)),
+            ("loss/label_alignment", f64::from(self.label_alignment)),
             ("networks/coverage", f64::from(self.coverage)),
             ("networks/depth_spread", f64::from(self.depth_spread)),
             ("networks/reliability", f64::from(self.reliability)),
@@ -136,6 +140,7 @@ struct ScoreLine {
     depth_abs_rel: Option<f64>,
     depth_d1: Option<f64>,
     ate_m: Option<f64>,
+    alignment: Option<f64>,
 }
 
 /// Starts a run in an empty folder and trains until its budget is spent.
@@ -154,15 +159,15 @@ pub(crate) fn begin(
     events: &mut dyn EventSink,
 ) -> Result<Summary, TrainError> {
     job.config.validate()?;
-    if job.config.lesson.motion_alone && job.data.labelled_frames() == 0 {
+    if job.config.lesson.alignment_alone && job.data.labelled_frames() == 0 {
         return Err(TrainError::config(
-            "lesson.motion_alone",
+            "lesson.alignment_alone",
             "is on, but there are no labels; give them with --labels",
         ));
     }
     let device = job.device.clone().autodiff();
     let nets = &job.config.nets;
-    let checkpoint = match &job.init {
+    let mut checkpoint = match &job.init {
         None => Checkpoint::init(nets.clone(), job.config.seed, &device)?,
         Some(path) => {
             let (checkpoint, message) = initial_weights(path, nets, job.config.seed, &device)?;
@@ -170,6 +175,10 @@ pub(crate) fn begin(
             checkpoint
         }
     };
+    if job.data.labelled_frames() > 0 && checkpoint.align.is_none() {
+        checkpoint.config.align = nets.align.clone();
+        checkpoint.align = Some(nets.align.init(job.config.seed, &device)?);
+    }
     // The architecture of a checkpoint stays its own.
     let config = TrainConfig { nets: checkpoint.config.clone(), ..job.config.clone() };
     run.describe(&config, &manifest_of(job))?;
@@ -234,6 +243,7 @@ fn manifest_of(job: &TrainJob) -> RunManifest {
 struct StepTaken {
     terms: LossTerms,
     lesson: Option<LessonLoss>,
+    alignment: Option<Tensor<1>>,
     output: Output,
     learning_rate: f64,
 }
@@ -324,11 +334,17 @@ impl<'a> Session<'a> {
         let learning_rate = self.learning_rate();
         let model = self.state.model.clone();
         let (output, mut terms) = self.look(&model, batch);
-        let lesson = batch.lessons.as_ref().map(|lessons| lessons.loss(&output.prediction));
+        let alone = self.config.lesson.alignment_alone;
+        let lesson = batch.lessons.as_ref().filter(|_| !alone).map(|lessons| lessons.loss(&output.prediction));
         if let Some(loss) = &lesson {
             terms.total = terms.total + loss.weighted(&self.config.lesson);
         }
-        if self.config.standing_weight > 0.0 {
+        let alignment = model.align.as_ref().zip(batch.lessons.as_ref());
+        let alignment = alignment.map(|(net, lessons)| alignment_loss(net, batch, lessons));
+        if let Some(loss) = &alignment {
+            terms.total = terms.total + loss.clone() * self.config.lesson.alignment_weight;
+        }
+        if self.config.standing_weight > 0.0 && !alone {
             let price = standing_motion(output.motion.clone(), batch.stands.clone());
             terms.total = terms.total + price * self.config.standing_weight;
         }
@@ -341,13 +357,13 @@ impl<'a> Session<'a> {
         drop(updated.valid());
         recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
-        StepTaken { terms, lesson, output, learning_rate }
+        StepTaken { terms, lesson, alignment, output, learning_rate }
     }
 
-    /// What the networks say, and how well it explains the pictures; nothing of the latter where labels alone teach.
+    /// What the networks say, and how well it explains the pictures; nothing where the alignment network learns alone.
     fn look(&self, model: &DepthMotionModel, batch: &SnippetBatch) -> (Output, LossTerms) {
-        if self.config.lesson.motion_alone {
-            let output = model.predict_motion(batch);
+        if self.config.lesson.alignment_alone {
+            let output = Output::nothing(&batch.stands.device());
             let none = LossTerms::none(&output.motion);
             return (output, none);
         }
@@ -416,9 +432,11 @@ impl<'a> Session<'a> {
         for (name, value) in figures {
             events.event(Event::Measured { name: name.into(), step: row.step, value });
         }
+        // What says nothing does not collapse.
+        if self.config.lesson.alignment_alone {
+            return Ok(());
+        }
         let Metrics { coverage, depth_spread, reliability: mask, translation, rotation_rad: rotation, .. } = row;
-        // Labels alone look at no pixel, which is no collapse.
-        let coverage = if self.config.lesson.motion_alone { 1.0 } else { coverage };
         let sentences = self.watch.look(&Signs { coverage, depth_spread, mask, translation, rotation });
         sentences.into_iter().for_each(|sentence| events.event(Event::Warned(sentence.to_owned())));
         Ok(())
@@ -430,7 +448,10 @@ impl<'a> Session<'a> {
         let losses =
             [total, photometric, smoothness, mask, geometry, light, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
-        let lesson = taken.lesson.iter().flat_map(|loss| [&loss.depth, &loss.motion]).map(|term| term.clone().inner());
+        let zero = || taken.terms.total.zeros_like().detach();
+        let lesson = taken.lesson.as_ref().map_or_else(|| [zero(), zero()], |loss| [loss.depth.clone(), loss.motion.clone()]);
+        let alignment = taken.alignment.clone().unwrap_or_else(zero);
+        let lesson = lesson.into_iter().chain([alignment]).map(Tensor::inner);
         // One read-back for all.
         let figures: Vec<f32> =
             Tensor::cat(losses.into_iter().chain(signs).chain(lesson).collect(), 0).into_data().iter().collect();
@@ -452,8 +473,9 @@ impl<'a> Session<'a> {
             reliability: figure(8),
             translation: figure(9),
             rotation_rad: figure(10),
-            label_depth: if taken.lesson.is_some() { figure(11) } else { 0.0 },
-            label_motion: if taken.lesson.is_some() { figure(12) } else { 0.0 },
+            label_depth: figure(11),
+            label_motion: figure(12),
+            label_alignment: figure(13),
         }
     }
 
@@ -461,9 +483,10 @@ impl<'a> Session<'a> {
     fn validate(&mut self, events: &mut dyn EventSink) -> Result<Scores, TrainError> {
         let scores = self.validator.measure(&self.state.model.valid())?;
         let (step, elapsed_s) = (self.state.progress.step, self.elapsed_s());
-        let Scores { photometric, light, coverage, depth_abs_rel, depth_d1, ate_m, .. } = scores;
+        let Scores { photometric, light, coverage, depth_abs_rel, depth_d1, ate_m, alignment, .. } = scores;
         if self.state.progress.validated_at != Some(step) {
-            let line = ScoreLine { step, elapsed_s, photometric, light, coverage, depth_abs_rel, depth_d1, ate_m };
+            let line =
+                ScoreLine { step, elapsed_s, photometric, light, coverage, depth_abs_rel, depth_d1, ate_m, alignment };
             self.scores.add(&line)?;
             let curves: Vec<_> =
                 scores.named().into_iter().map(|(name, value)| (format!("validation/{name}"), value)).collect();
@@ -490,6 +513,7 @@ impl<'a> Session<'a> {
             return judge.admits(scores);
         }
         let unsupervised = scores.photometric + self.config.objective.light_weight * scores.light.unwrap_or(0.0);
+        let unsupervised = unsupervised + self.config.lesson.alignment_weight * scores.alignment.unwrap_or(0.0);
         let value = match self.config.best_by {
             Criterion::Photometric => unsupervised,
             Criterion::Depth => scores.depth_abs_rel.unwrap_or(unsupervised),

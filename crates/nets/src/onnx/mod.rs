@@ -32,7 +32,8 @@ const OPERATOR_SET: i64 = 17;
 /// What to fix in an exported graph; the default leaves everything open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OnnxOptions {
-    /// One network alone; both, if the checkpoint has both.
+    /// One network alone; depth and motion, if the checkpoint has both. The alignment network is not exported: what it
+    /// reads takes a warp to make.
     pub only: Option<Network>,
     /// Pictures per call.
     pub batch: Option<usize>,
@@ -41,13 +42,13 @@ pub struct OnnxOptions {
 }
 
 impl Checkpoint {
-    /// Writes one ONNX file with the networks of the checkpoint, or one of them.
+    /// Writes one ONNX file with the depth and the motion network of the checkpoint, or one of them.
     ///
     /// # Errors
     /// [`NetsError::Mismatch`] when the checkpoint lacks the network asked for, and [`NetsError::Io`].
     pub fn export_onnx(&self, path: &Path, options: &OnnxOptions) -> Result<(), NetsError> {
-        let disp = self.disp.as_ref().filter(|_| options.only != Some(Network::Pose));
-        let pose = self.pose.as_ref().filter(|_| options.only != Some(Network::Disp));
+        let disp = self.disp.as_ref().filter(|_| options.only.is_none_or(|only| only == Network::Disp));
+        let pose = self.pose.as_ref().filter(|_| options.only.is_none_or(|only| only == Network::Pose));
         if disp.is_none() && pose.is_none() {
             let wanted = options.only.map_or_else(|| "network".to_string(), |network| network.to_string());
             let reason = format!("cannot be written because the checkpoint has no {wanted}");
@@ -237,7 +238,7 @@ mod tests {
     }
 
     fn tiny(config: NetsConfig) -> Checkpoint {
-        let config = NetsConfig { disp: config.disp.with_width(0.01), pose: config.pose.with_width(0.05) };
+        let config = NetsConfig { disp: config.disp.with_width(0.01), pose: config.pose.with_width(0.05), ..config };
         Checkpoint::init(config, 0, &Device::flex()).unwrap()
     }
 

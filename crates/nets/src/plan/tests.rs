@@ -27,7 +27,7 @@ fn flat<const D: usize>(tensor: Tensor<D>) -> Tensor<1> {
 fn plans_give_what_the_networks_give() {
     let device = Device::flex();
     for config in [NetsConfig::paper(), NetsConfig::endo()] {
-        let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose.with_width(0.25) };
+        let config = NetsConfig { disp: config.disp.with_width(0.125), pose: config.pose.with_width(0.25), ..config };
         let mut checkpoint = Checkpoint::init(config, 0, &device).unwrap();
         disturb_norms(&mut checkpoint);
         for size in [[128, 160], [37, 90], [1, 3]] {

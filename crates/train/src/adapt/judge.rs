@@ -91,6 +91,7 @@ mod tests {
         depth_abs_rel: None,
         depth_d1: None,
         ate_m: None,
+        alignment: None,
     };
 
     fn judge(standing_share: f64) -> Judge {

@@ -203,7 +203,7 @@ pub fn augment(
         let usable = change.mask(&frame.usable, turn.as_ref());
         augmented.push(AugmentedFrame { original, usable, depth_input, motion_input });
     }
-    let lesson = Lesson::of(&frames, &change, &turns);
+    let lesson = Lesson::of(&frames, &change, &turns, rng);
     Ok(Augmented { frames: augmented, camera, lesson })
 }
 

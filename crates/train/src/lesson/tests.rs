@@ -84,7 +84,8 @@ fn unknown_depth_does_not_count() {
         clip.frames
     };
     let change = ViewChange::new(SIZE, [1.0, 1.0], [0.0, 0.0], [false; 2]);
-    let lesson = Lesson::of(&frames.iter().collect::<Vec<_>>(), &change, &[const { None }; 3]).unwrap();
+    let rng = &mut ChaCha8Rng::seed_from_u64(0);
+    let lesson = Lesson::of(&frames.iter().collect::<Vec<_>>(), &change, &[const { None }; 3], rng).unwrap();
     assert_eq!(lesson.depth.iter().filter(|depth| **depth == 2.0).count(), 16 * 32);
     assert_eq!(lesson.depth.iter().filter(|depth| **depth == 0.0).count(), 16 * 32);
     let ahead = lesson.source_from_target[1].translation.vector - lesson.source_from_target[0].translation.vector;

@@ -3,6 +3,7 @@
 pub mod depth;
 pub mod trajectory;
 
+use crate::alignment::alignment_error;
 use crate::augment::{AugmentConfig, augment};
 use crate::batch::SnippetBatch;
 use crate::clip::ClipFrame;
@@ -44,6 +45,8 @@ pub struct Scores {
     pub depth_d1: Option<f64>,
     /// RMSE of the camera positions after alignment by a similarity, metres; the mean over clips.
     pub ate_m: Option<f64>,
+    /// See [`alignment_error`]; `None` without labels or a network for it.
+    pub alignment: Option<f64>,
 }
 
 impl Scores {
@@ -66,6 +69,7 @@ impl Scores {
             ("depth_abs_rel", self.depth_abs_rel),
             ("depth_d1", self.depth_d1),
             ("ate_m", self.ate_m),
+            ("alignment", self.alignment),
         ];
         all.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect()
     }
@@ -97,8 +101,8 @@ impl Validator {
         let depth = self.depth(model)?;
         let trajectories: Vec<f64> =
             self.dataset.clips().filter_map(|(clip, gap)| score_trajectory(model, clip, gap, &self.device)).collect();
-        let [photometric, light, coverage, still_photometric, still_coverage, depth_spread, standing_motion] =
-            self.objective_terms(model)?;
+        let (terms, alignment) = self.snippet_terms(model)?;
+        let [photometric, light, coverage, still_photometric, still_coverage, depth_spread, standing_motion] = terms;
         Ok(Scores {
             photometric,
             light: (self.objective.light_weight > 0.0).then_some(light),
@@ -110,17 +114,23 @@ impl Validator {
             depth_abs_rel: depth.map(|score| score.abs_rel),
             depth_d1: depth.map(|score| score.d1),
             ate_m: mean(&trajectories),
+            alignment,
         })
     }
 
-    /// Photometric loss, light term and coverage; the first and the last of a camera that stands still; depth spread; standing motion.
-    fn objective_terms(&self, model: &DepthMotionModel) -> Result<[f64; 7], TrainError> {
+    /// Photometric loss, light term and coverage; the first and the last of a camera that stands still; depth spread;
+    /// standing motion. And what the alignment network leaves, where it can be measured.
+    fn snippet_terms(&self, model: &DepthMotionModel) -> Result<([f64; 7], Option<f64>), TrainError> {
         let indices: Vec<usize> = spread(self.dataset.len(), self.snippets).collect();
         let (mut sum, mut count) = (None::<Tensor<1>>, 0.0);
+        let mut alignment = Vec::new();
         for indices in indices.chunks(self.batch) {
             let items =
                 indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
             let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
+            if let Some((net, lessons)) = model.align.as_ref().zip(batch.lessons.as_ref()) {
+                alignment.push(f64::from(alignment_error(net, &batch, lessons).into_scalar::<f32>()));
+            }
             let output = model.predict(&batch, false);
             let standing_motion = standing_motion(output.motion.clone(), batch.stands.clone());
             let signs = VitalSigns::new(&output.prediction, output.motion);
@@ -141,7 +151,8 @@ impl Validator {
             count += indices.len() as f64;
         }
         let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
-        Ok([0, 1, 2, 3, 4, 5, 6].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count)))
+        let terms = [0, 1, 2, 3, 4, 5, 6].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count));
+        Ok((terms, mean(&alignment)))
     }
 
     fn depth(&self, model: &DepthMotionModel) -> Result<Option<DepthScore>, TrainError> {
@@ -191,6 +202,7 @@ mod tests {
             depth_abs_rel: None,
             depth_d1: None,
             ate_m: Some(0.001),
+            alignment: None,
         }
     }
 
