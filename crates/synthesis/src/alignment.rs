@@ -78,6 +78,11 @@ impl Alignment {
         alignment
     }
 
+    /// Geometric mean of the known depths of each target, `[batch, 1]`; 1 where none is known.
+    pub fn typical_depth(&self) -> Tensor<2> {
+        self.unit.clone()
+    }
+
     /// What speaks against a motion.
     ///
     /// # Shapes

@@ -54,11 +54,17 @@ impl Start {
 }
 
 /// How far the network's answers are from what is left, relative to it, `[1]`: 1 where it says that nothing is.
-pub fn alignment_loss(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons) -> Tensor<1> {
-    let alignment = prepared(batch, lessons);
-    let evidence = lessons.starts.iter().zip(&batch.depth_inputs[1..]);
-    let evidence: Vec<_> =
-        evidence.map(|(start, source)| alignment.evidence(contrast(source.clone()), start.clone())).collect();
+///
+/// The network sees `depth` as the depth network has it, errors and all, as it will at work.
+///
+/// # Shapes
+/// - `depth`: of the targets, `[batch, 1, height, width]`, without a gradient
+pub fn alignment_loss(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons, depth: Tensor<4>) -> Tensor<1> {
+    let (alignment, unit) = prepared(batch, lessons, depth);
+    let evidence = |(start, source): (&Tensor<3>, &Tensor<4>)| {
+        alignment.evidence(contrast(source.clone()), in_unit(start.clone(), unit.clone()))
+    };
+    let evidence: Vec<_> = lessons.starts.iter().zip(&batch.depth_inputs[1..]).map(evidence).collect();
     let answers = net.forward(Tensor::cat(evidence, 0));
     let left = Tensor::cat(lessons.left.clone(), 0);
     let size = in_largest(left.clone()) + NOISE;
@@ -68,10 +74,14 @@ pub fn alignment_loss(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons) -
 }
 
 /// What is left of the labelled motions after the network has looked from rest, as a share of them, `[1]`.
-pub fn alignment_error(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons) -> Tensor<1> {
-    let alignment = prepared(batch, lessons);
+///
+/// # Shapes
+/// - as [`alignment_loss`]
+pub fn alignment_error(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons, depth: Tensor<4>) -> Tensor<1> {
+    let (alignment, unit) = prepared(batch, lessons, depth);
     let (mut error, mut whole) = (Vec::new(), Vec::new());
     for (label, source) in lessons.source_from_target.iter().zip(&batch.depth_inputs[1..]) {
+        let label = in_unit(label.clone(), unit.clone());
         let source = contrast(source.clone());
         let rest = Tensor::<2>::eye(4, &label.device()).narrow(0, 0, 3).cast(label.dtype()).unsqueeze::<3>();
         let rest = rest.expand(label.dims());
@@ -89,8 +99,17 @@ pub fn alignment_error(net: &AlignNet, batch: &SnippetBatch, lessons: &Lessons) 
     sum(error) / sum(whole).clamp_min(f64::from(f32::MIN_POSITIVE))
 }
 
-fn prepared(batch: &SnippetBatch, lessons: &Lessons) -> Alignment {
-    Alignment::new(batch.depth_inputs[0].clone(), lessons.depth.clone(), &batch.views.cameras.levels()[0])
+/// The targets, and the unit of the labels in that of `depth`, `[batch, 1, 1]`: both maps are typically as deep.
+fn prepared(batch: &SnippetBatch, lessons: &Lessons, depth: Tensor<4>) -> (Alignment, Tensor<3>) {
+    let alignment = Alignment::new(batch.depth_inputs[0].clone(), depth, &batch.views.cameras.levels()[0]);
+    let unit = alignment.typical_depth().unsqueeze_dim(2) / lessons.typical_depth.clone();
+    (alignment, unit)
+}
+
+/// A motion with its translation in another unit.
+fn in_unit(motion: Tensor<3>, unit: Tensor<3>) -> Tensor<3> {
+    let translation = motion.clone().narrow(2, 3, 1) * unit;
+    Tensor::cat(vec![motion.narrow(2, 0, 3), translation], 2)
 }
 
 /// Mean size of the parts of a motion, each in its [`LARGEST`], `[batch, 1]`.

@@ -73,6 +73,8 @@ pub struct Lesson {
     depth: Vec<f32>,
     /// Of each source in time order.
     source_from_target: Vec<Pose>,
+    /// See [`typical`].
+    typical_depth: f64,
     /// For each source, where the alignment network begins.
     starts: Vec<Start>,
 }
@@ -93,9 +95,9 @@ impl Lesson {
         };
         let source_from_target: Vec<Pose> = sources.iter().zip(turns.iter().skip(1)).map(motion).collect();
         let depth = change.depth(&target.depth);
-        let typical = typical(&depth);
-        let starts = source_from_target.iter().map(|label| Start::draw(label, typical, rng)).collect();
-        Some(Self { depth, source_from_target, starts })
+        let typical_depth = typical(&depth);
+        let starts = source_from_target.iter().map(|label| Start::draw(label, typical_depth, rng)).collect();
+        Some(Self { depth, source_from_target, typical_depth, starts })
     }
 }
 
@@ -103,9 +105,11 @@ impl Lesson {
 #[derive(Clone, Debug)]
 pub struct Lessons {
     /// `[batch, 1, height, width]`, 0 where unknown.
-    pub(crate) depth: Tensor<4>,
+    depth: Tensor<4>,
     /// Of each source, `[batch, 3, 4]`.
     pub(crate) source_from_target: Vec<Tensor<3>>,
+    /// Geometric mean of the known depths, `[batch, 1, 1]`.
+    pub(crate) typical_depth: Tensor<3>,
     /// For each source, the motion that the alignment network begins with, `[batch, 3, 4]`.
     pub(crate) starts: Vec<Tensor<3>>,
     /// For each source, what is missing from it, `[batch, 6]`.
@@ -144,10 +148,12 @@ impl Lessons {
             let numbers: Vec<f32> = numbers.map(|number| number as f32).collect();
             Tensor::from_data(TensorData::new(numbers, [batch, 6]), device)
         };
+        let typical: Vec<f32> = lessons.iter().map(|lesson| lesson.map_or(1.0, |known| known.typical_depth as f32)).collect();
         let given: Vec<f32> = lessons.iter().map(|lesson| f32::from(u8::from(lesson.is_some()))).collect();
         Some(Self {
             depth: Tensor::from_data(TensorData::new(depth, [batch, 1, size.height, size.width]), device),
             source_from_target: (0..sources).map(motion).collect(),
+            typical_depth: Tensor::from_data(TensorData::new(typical, [batch, 1, 1]), device),
             starts: (0..sources).map(start).collect(),
             left: (0..sources).map(left).collect(),
             given: Tensor::from_data(TensorData::new(given, [batch, 1, 1]), device),

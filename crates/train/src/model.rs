@@ -3,8 +3,9 @@
 use crate::batch::SnippetBatch;
 use crate::error::TrainError;
 use burn::module::{Module, ModuleMapper, Param, ParamId};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use endoscape_nets::{AlignNet, Checkpoint, DispNet, DisparityPyramid, Manifest, NetsConfig, PoseMaskNet};
+use endoscape_synthesis::warp::depth_from_disparity;
 use endoscape_synthesis::{Prediction, source_from_target};
 
 /// The depth and the motion network, and perhaps the alignment network.
@@ -27,15 +28,9 @@ pub struct Output {
 }
 
 impl Output {
-    /// Nothing at all.
-    pub fn nothing(device: &Device) -> Self {
-        let prediction = Prediction {
-            disparities: Vec::new(),
-            source_from_target: Vec::new(),
-            masks: Vec::new(),
-            source_disparities: Vec::new(),
-        };
-        Self { prediction, motion: Tensor::zeros([1, 1, 6], device) }
+    /// Depth of the targets, without a gradient; `[batch, 1, height, width]`.
+    pub fn depth(&self) -> Option<Tensor<4>> {
+        Some(depth_from_disparity(self.prediction.disparities.first()?.clone().detach()))
     }
 }
 
@@ -74,6 +69,18 @@ impl DepthMotionModel {
             source_disparities: disparities.collect(),
         };
         Output { prediction, motion: pose.motion }
+    }
+
+    /// Runs the depth network alone, on the targets and without a gradient.
+    pub fn predict_depth(&self, batch: &SnippetBatch) -> Output {
+        let target = self.disp.forward(batch.depth_inputs[0].clone()).scales;
+        let prediction = Prediction {
+            disparities: Vec::from(target.map(Tensor::detach)),
+            source_from_target: Vec::new(),
+            masks: Vec::new(),
+            source_disparities: Vec::new(),
+        };
+        Output { prediction, motion: Tensor::zeros([1, 1, 6], &batch.stands.device()) }
     }
 
     /// Of each source, `[batch, 3, 4]`.

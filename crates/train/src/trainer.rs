@@ -339,8 +339,8 @@ impl<'a> Session<'a> {
         if let Some(loss) = &lesson {
             terms.total = terms.total + loss.weighted(&self.config.lesson);
         }
-        let alignment = model.align.as_ref().zip(batch.lessons.as_ref());
-        let alignment = alignment.map(|(net, lessons)| alignment_loss(net, batch, lessons));
+        let alignment = model.align.as_ref().zip(batch.lessons.as_ref()).zip(output.depth());
+        let alignment = alignment.map(|((net, lessons), depth)| alignment_loss(net, batch, lessons, depth));
         if let Some(loss) = &alignment {
             terms.total = terms.total + loss.clone() * self.config.lesson.alignment_weight;
         }
@@ -360,10 +360,11 @@ impl<'a> Session<'a> {
         StepTaken { terms, lesson, alignment, output, learning_rate }
     }
 
-    /// What the networks say, and how well it explains the pictures; nothing where the alignment network learns alone.
+    /// What the networks say, and how well it explains the pictures; where the alignment network learns alone, the depth
+    /// that it sees.
     fn look(&self, model: &DepthMotionModel, batch: &SnippetBatch) -> (Output, LossTerms) {
         if self.config.lesson.alignment_alone {
-            let output = Output::nothing(&batch.stands.device());
+            let output = model.predict_depth(batch);
             let none = LossTerms::none(&output.motion);
             return (output, none);
         }

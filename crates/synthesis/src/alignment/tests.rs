@@ -22,9 +22,9 @@ fn largest<const D: usize>(tensor: Tensor<D>) -> f64 {
     values(tensor.abs().max().reshape([1])).into_iter().fold(0.0, f64::max)
 }
 
-/// Smooth and of one colour, so that slopes say what small shifts do.
+/// Smooth, of one colour and faint, so that slopes say what small shifts do and nothing meets its limit.
 fn picture() -> Tensor<4> {
-    let value = |x: usize, y: usize| 0.3 * (0.5 * x as f64).sin() + 0.2 * (0.4 * y as f64 + 0.1 * x as f64).cos();
+    let value = |x: usize, y: usize| 0.06 * (0.3 * x as f64).sin() + 0.05 * (0.25 * y as f64 + 0.05 * x as f64).cos();
     let plane: Vec<f64> = (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| value(x, y))).collect();
     tensor(plane.repeat(3), [1, 3, SIZE.height, SIZE.width])
 }
@@ -68,7 +68,9 @@ fn a_difference_is_what_its_motion_does_to_first_order() {
             let rebuilt = alignment.difference(contrast(picture()), alignment.transform(motion(small)));
             let slope = alignment.sensitivity.clone().narrow(1, part, 1) * (1e-3 * SIZE.width as f64 / SENSITIVITY_GAIN);
             let shown = rebuilt.clone().not_equal_scalar(0.0).float().cast(DType::F64);
-            let error = largest((rebuilt.clone() - slope) * shown) / largest(rebuilt);
+            // At the border slopes are not known and surroundings one-sided.
+            let inner = |all: Tensor<4>| all.narrow(2, 3, SIZE.height - 6).narrow(3, 3, SIZE.width - 6);
+            let error = largest(inner((rebuilt.clone() - slope) * shown)) / largest(inner(rebuilt));
             assert!(error < 0.25, "camera {name}, part {part}: {error}");
         }
     }

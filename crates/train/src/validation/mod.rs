@@ -128,10 +128,10 @@ impl Validator {
             let items =
                 indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
             let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
-            if let Some((net, lessons)) = model.align.as_ref().zip(batch.lessons.as_ref()) {
-                alignment.push(f64::from(alignment_error(net, &batch, lessons).into_scalar::<f32>()));
-            }
             let output = model.predict(&batch, false);
+            let aligned = model.align.as_ref().zip(batch.lessons.as_ref()).zip(output.depth());
+            let error = aligned.map(|((net, lessons), depth)| alignment_error(net, &batch, lessons, depth));
+            alignment.extend(error.map(|error| f64::from(error.into_scalar::<f32>())));
             let standing_motion = standing_motion(output.motion.clone(), batch.stands.clone());
             let signs = VitalSigns::new(&output.prediction, output.motion);
             let prediction = Prediction { masks: Vec::new(), ..output.prediction };
