@@ -100,7 +100,8 @@ impl AlignNet {
         assert_shape!(evidence, [_, EVIDENCE_CHANNELS, _, _]);
         let features = self.encoder.iter().fold(evidence, |features, stage| stage.forward(features));
         let motion = self.head.forward(area_mean(features).flatten(1, 3));
-        let scale = Tensor::<2>::from_data(TensorData::new(MOTION_SCALE.to_vec(), [1, 6]), (&motion.device(), motion.dtype()));
+        let scale =
+            Tensor::<2>::from_data(TensorData::new(MOTION_SCALE.to_vec(), [1, 6]), (&motion.device(), motion.dtype()));
         motion * scale
     }
 }

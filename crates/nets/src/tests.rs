@@ -239,7 +239,8 @@ fn small_setup(device: &Device) -> Setup {
         mask_decoder: [4, 4, 3, 3, 2],
         ..Default::default()
     };
-    let Checkpoint { disp, pose, .. } = Checkpoint::init(NetsConfig { disp, pose, ..NetsConfig::default() }, 0, device).unwrap();
+    let Checkpoint { disp, pose, .. } =
+        Checkpoint::init(NetsConfig { disp, pose, ..NetsConfig::default() }, 0, device).unwrap();
     let mut noise = Noise(7);
     let mut view = || View { image: noise.tensor([1, 3, 20, 24], (0.0, 1.0), device), usable: None };
     let camera = Camera::from_field_of_view(size, 1.2).unwrap();

@@ -11,7 +11,7 @@ use endoscape_synthesis::{Alignment, CameraBatch, CameraScaling, SynthesisError}
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// How often the network looks; in training, errors down to a fiftieth of a motion are left after that.
-const LOOKS: usize = 4;
+const LOOKS: usize = 5;
 
 /// The alignment network on its device.
 #[derive(Debug)]

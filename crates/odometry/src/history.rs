@@ -122,7 +122,17 @@ impl Keyframe {
         depth: Arc<Grid<f32>>,
         scale: Scale,
     ) -> Self {
-        Self { view, luma, thumbnail, depth, scale, reference: None, alignment: None, before: Vec::new(), previous: None }
+        Self {
+            view,
+            luma,
+            thumbnail,
+            depth,
+            scale,
+            reference: None,
+            alignment: None,
+            before: Vec::new(),
+            previous: None,
+        }
     }
 }
 

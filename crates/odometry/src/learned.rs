@@ -346,7 +346,9 @@ impl LearnedOdometry {
         let expected_from_anchor = expected.inverse() * anchor.view.world_from_camera;
         let expected = chain::scaled(&expected_from_anchor, 1.0 / anchor.scale.factor());
         let aligner = self.aligner.as_ref().zip(anchor.alignment.as_ref());
-        let aligned = aligner.and_then(|(aligner, target)| aligner.aligned(target, picture.image, &[guess, expected]));
+        // Not the expected motion: what is left of its errors would grow from frame to frame.
+        let guesses = [guess, Pose::identity()];
+        let aligned = aligner.and_then(|(aligner, target)| aligner.aligned(target, picture.image, &guesses));
         let guess = aligned.unwrap_or(guess);
         let compared = anchor.reference.as_mut().zip(picture.contrast);
         let Some(((reference, current), refiner)) = compared.zip(self.refiner()) else { return guess };
@@ -369,8 +371,7 @@ impl LearnedOdometry {
         let measured = self.measured(anchor, present, &frame_from_anchor, scale);
         let depth = measured.map_or_else(|| present.depth.clone(), Arc::new);
         let view = present.view(world_from_camera);
-        let keyframe =
-            (distance == Distance::Far).then(|| self.keyframe(present, view.clone(), depth.clone(), scale));
+        let keyframe = (distance == Distance::Far).then(|| self.keyframe(present, view.clone(), depth.clone(), scale));
         history.remember(view, keyframe);
         let confidence = likeness * self.agreement;
         Tracked {

@@ -101,8 +101,7 @@ impl Alignment {
     /// - as [`Self::evidence`]
     /// - returns: `[batch, 1, height, width]`
     pub fn difference(&self, source_contrast: Tensor<4>, source_from_target: Tensor<3>) -> Tensor<4> {
-        let Correspondence { pixels, in_view, .. } =
-            correspond(self.depth.clone(), source_from_target, &self.cameras);
+        let Correspondence { pixels, in_view, .. } = correspond(self.depth.clone(), source_from_target, &self.cameras);
         (sample_bilinear(source_contrast, pixels) - self.contrast.clone()) * in_view
     }
 
@@ -112,8 +111,7 @@ impl Alignment {
     /// # Shapes
     /// - as [`Self::evidence`]
     pub fn disagreement(&self, source_contrast: Tensor<4>, source_from_target: Tensor<3>) -> Tensor<1> {
-        let Correspondence { pixels, in_view, .. } =
-            correspond(self.depth.clone(), source_from_target, &self.cameras);
+        let Correspondence { pixels, in_view, .. } = correspond(self.depth.clone(), source_from_target, &self.cameras);
         let rebuilt = sample_bilinear(source_contrast, pixels) * in_view;
         let batch = rebuilt.dims()[0];
         (rebuilt - self.contrast.clone()).abs().mean_dims(&[1, 2, 3]).reshape([batch])
@@ -156,7 +154,10 @@ impl Alignment {
         let [batch, _, height, width] = self.contrast.dims();
         let (device, dtype) = (self.contrast.device(), self.contrast.dtype());
         let slope_along = |length: usize| {
-            Tensor::<4>::from_data(TensorData::new(central_differences(length), [1, 1, length, length]), (&device, dtype))
+            Tensor::<4>::from_data(
+                TensorData::new(central_differences(length), [1, 1, length, length]),
+                (&device, dtype),
+            )
         };
         let across = self.contrast.clone().matmul(slope_along(width).transpose());
         let down = slope_along(height).matmul(self.contrast.clone());

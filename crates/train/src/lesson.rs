@@ -81,12 +81,7 @@ pub struct Lesson {
 
 impl Lesson {
     /// The labels of a snippet, target first, as the changed and turned camera sees them; `None` unless every frame has one.
-    pub fn of(
-        frames: &[&ClipFrame],
-        change: &ViewChange,
-        turns: &[Option<Turn>],
-        rng: &mut impl Rng,
-    ) -> Option<Self> {
+    pub fn of(frames: &[&ClipFrame], change: &ViewChange, turns: &[Option<Turn>], rng: &mut impl Rng) -> Option<Self> {
         let labels: Vec<&Label> = frames.iter().map(|frame| frame.label.as_ref()).collect::<Option<_>>()?;
         let (target, sources) = labels.split_first()?;
         let motion = |(source, turn): (&&Label, &Option<Turn>)| {
@@ -148,7 +143,8 @@ impl Lessons {
             let numbers: Vec<f32> = numbers.map(|number| number as f32).collect();
             Tensor::from_data(TensorData::new(numbers, [batch, 6]), device)
         };
-        let typical: Vec<f32> = lessons.iter().map(|lesson| lesson.map_or(1.0, |known| known.typical_depth as f32)).collect();
+        let typical: Vec<f32> =
+            lessons.iter().map(|lesson| lesson.map_or(1.0, |known| known.typical_depth as f32)).collect();
         let given: Vec<f32> = lessons.iter().map(|lesson| f32::from(u8::from(lesson.is_some()))).collect();
         Some(Self {
             depth: Tensor::from_data(TensorData::new(depth, [batch, 1, size.height, size.width]), device),

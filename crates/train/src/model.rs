@@ -71,11 +71,12 @@ impl DepthMotionModel {
         Output { prediction, motion: pose.motion }
     }
 
-    /// Runs the depth network alone, on the targets and without a gradient.
+    /// Runs the depth network alone, on the targets of a batch that records gradients, and records none itself: what no
+    /// backward step ever visits would stay in memory.
     pub fn predict_depth(&self, batch: &SnippetBatch) -> Output {
-        let target = self.disp.forward(batch.depth_inputs[0].clone()).scales;
+        let target = self.disp.valid().forward(batch.depth_inputs[0].clone().inner()).scales;
         let prediction = Prediction {
-            disparities: Vec::from(target.map(Tensor::detach)),
+            disparities: Vec::from(target.map(Tensor::autodiff)),
             source_from_target: Vec::new(),
             masks: Vec::new(),
             source_disparities: Vec::new(),

@@ -450,7 +450,8 @@ impl<'a> Session<'a> {
             [total, photometric, smoothness, mask, geometry, light, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
         let zero = || taken.terms.total.zeros_like().detach();
-        let lesson = taken.lesson.as_ref().map_or_else(|| [zero(), zero()], |loss| [loss.depth.clone(), loss.motion.clone()]);
+        let lesson =
+            taken.lesson.as_ref().map_or_else(|| [zero(), zero()], |loss| [loss.depth.clone(), loss.motion.clone()]);
         let alignment = taken.alignment.clone().unwrap_or_else(zero);
         let lesson = lesson.into_iter().chain([alignment]).map(Tensor::inner);
         // One read-back for all.

@@ -89,7 +89,8 @@ fn the_alignment_network_learns_alone_what_is_left_of_a_motion() {
     let mut config = config();
     config.lesson.alignment_alone = true;
     let (rows, warnings) = trained(config);
-    let (begin, end) = (mean(&rows[..20], |row| row.label_alignment), mean(&rows[rows.len() - 20..], |row| row.label_alignment));
+    let (begin, end) =
+        (mean(&rows[..20], |row| row.label_alignment), mean(&rows[rows.len() - 20..], |row| row.label_alignment));
     eprintln!("alignment: {begin:.4} to {end:.4}");
     assert!(end < 0.7 * begin, "{begin} to {end}");
     assert!(rows.iter().all(|row| row.label_depth == 0.0 && row.label_motion == 0.0 && row.photometric == 0.0));

@@ -66,7 +66,8 @@ fn a_difference_is_what_its_motion_does_to_first_order() {
             let small = std::array::from_fn(|k| if k == part { 1e-3 } else { 0.0 });
             // The target seen from a source that has moved: wrong by that motion if none is assumed.
             let rebuilt = alignment.difference(contrast(picture()), alignment.transform(motion(small)));
-            let slope = alignment.sensitivity.clone().narrow(1, part, 1) * (1e-3 * SIZE.width as f64 / SENSITIVITY_GAIN);
+            let slope =
+                alignment.sensitivity.clone().narrow(1, part, 1) * (1e-3 * SIZE.width as f64 / SENSITIVITY_GAIN);
             let shown = rebuilt.clone().not_equal_scalar(0.0).float().cast(DType::F64);
             // At the border slopes are not known and surroundings one-sided.
             let inner = |all: Tensor<4>| all.narrow(2, 3, SIZE.height - 6).narrow(3, 3, SIZE.width - 6);
@@ -81,7 +82,10 @@ fn a_unit_of_length_never_matters() {
     for (name, camera) in cameras().into_iter().enumerate() {
         let cameras = batch_of(camera);
         let evidence = |unit: f64| {
-            let moved = source_from_target(motion([0.02 * unit, 0.01 * unit, -0.03 * unit, 0.01, 0.0, 0.02]), Rotation::AxisAngle);
+            let moved = source_from_target(
+                motion([0.02 * unit, 0.01 * unit, -0.03 * unit, 0.01, 0.0, 0.02]),
+                Rotation::AxisAngle,
+            );
             Alignment::new(picture(), depth() * unit, &cameras).evidence(contrast(picture()), moved)
         };
         assert!(largest(evidence(1.0) - evidence(250.0)) < 1e-6, "camera {name}");
@@ -96,7 +100,8 @@ fn motions_are_corrected_by_what_is_left() {
     let first = source_from_target(motion([0.1, -0.2, 0.05, 0.1, 0.2, -0.1]), Rotation::AxisAngle);
     let corrected = alignment.corrected(motion([0.3, 0.1, -0.2, -0.2, 0.1, 0.05]), first.clone());
     // By hand: rotations multiply, the translation of the first is turned and that of the second, in typical depths, added.
-    let second = source_from_target(motion([0.3 * unit, 0.1 * unit, -0.2 * unit, -0.2, 0.1, 0.05]), Rotation::AxisAngle);
+    let second =
+        source_from_target(motion([0.3 * unit, 0.1 * unit, -0.2 * unit, -0.2, 0.1, 0.05]), Rotation::AxisAngle);
     let expected = |row: usize, column: usize| {
         let (a, b) = (values(second.clone()), values(first.clone()));
         let product: f64 = (0..3).map(|k| a[4 * row + k] * b[4 * k + column]).sum();

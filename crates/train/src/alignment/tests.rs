@@ -60,7 +60,11 @@ fn saying_that_nothing_is_left_is_wrong_by_all_of_it() {
     let depth = batch.stands.zeros_like().reshape([1, 1, 1, 1]).expand([1, 1, 64, 96]) + 7.0;
     let error = alignment_error(&net, &batch, lessons, depth.clone()).into_scalar::<f32>();
     assert!((error - 1.0).abs() < 1e-6, "{error}");
-    let sizes: Vec<f32> = lessons.left.iter().flat_map(|left| in_largest(left.clone()).into_data().iter().collect::<Vec<f32>>()).collect();
+    let sizes: Vec<f32> = lessons
+        .left
+        .iter()
+        .flat_map(|left| in_largest(left.clone()).into_data().iter().collect::<Vec<f32>>())
+        .collect();
     let expected = sizes.iter().map(|size| size / (size + NOISE as f32)).sum::<f32>() / sizes.len() as f32;
     let loss = alignment_loss(&net, &batch, lessons, depth).into_scalar::<f32>();
     assert!((loss - expected).abs() < 1e-5 && loss > 0.3, "{loss} instead of {expected}");

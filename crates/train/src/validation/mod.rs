@@ -151,7 +151,8 @@ impl Validator {
             count += indices.len() as f64;
         }
         let sums: Vec<f32> = sum.map_or_else(Vec::new, |sum| sum.into_data().iter().collect());
-        let terms = [0, 1, 2, 3, 4, 5, 6].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count));
+        let terms =
+            [0, 1, 2, 3, 4, 5, 6].map(|figure| sums.get(figure).map_or(f64::NAN, |sum| f64::from(*sum) / count));
         Ok((terms, mean(&alignment)))
     }
 
