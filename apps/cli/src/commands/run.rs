@@ -58,7 +58,7 @@ pub struct Args {
     /// Training run or checkpoint with the networks.
     #[arg(long, value_name = "CKPT")]
     model: Option<PathBuf>,
-    /// Chain the motions of the networks as they are, not sharpened by the pictures.
+    /// Chain the motions of the networks as they are, not sharpened by aligning pictures.
     #[arg(long)]
     networks_only: bool,
     /// Horizontal field of view to assume for an input without calibration.
