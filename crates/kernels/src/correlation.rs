@@ -20,6 +20,7 @@ mod winograd;
 use crate::geometry::Geometry;
 use crate::level::Level;
 use crate::memory::at_least;
+use crate::share::share;
 use pieces::{Panel, Task};
 use rayon::prelude::*;
 use shape::Shape;
@@ -234,35 +235,32 @@ impl Correlation {
         assert_eq!(weights.length, self.packed_length(weights), "weights of {:?}", self.shape.geometry);
         let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
         let operations = pictures * shape.geometry.operations();
-        if let Plan::Direct(plan) | Plan::Deep(deep::Plan { direct: plan, .. }) = &self.plan {
-            plan.source.fill(level, input, &mut workspace.planes);
-        }
-        let source = workspace.planes.as_slice();
         match &self.plan {
             Plan::Direct(plan) => {
-                let work = direct::Work { shape, plan, source, weights, epilogue };
+                plan.source.fill(level, input, &mut workspace.planes);
+                let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(direct::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(direct::Run { work: &work, task }));
             }
             Plan::Deep(plan) => {
-                let work = deep::Work { shape, plan, source, weights, epilogue };
+                let work = deep::Work { shape, plan, pictures: input, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(deep::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(deep::Run { work: &work, task }));
             }
             Plan::Winograd(plan) => {
                 let work = winograd::Work { shape, plan, level, pictures: input, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(winograd::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(winograd::Run { work: &work, task }));
             }
         }
     }
 }
 
 /// Does all tasks, on several threads if that is worth it.
-fn share<'a>(operations: usize, tasks: Vec<Task<'a>>, run: impl Fn(Task<'a>) + Sync + Send) {
+fn share_if_worth<'a>(operations: usize, tasks: Vec<Task<'a>>, run: impl Fn(Task<'a>) + Sync) {
     if operations < WORTH_SHARING {
         tasks.into_iter().for_each(run);
     } else {
-        tasks.into_par_iter().for_each(run);
+        share(tasks, run);
     }
 }
