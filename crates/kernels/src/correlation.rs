@@ -1,12 +1,12 @@
 //! The products that make a picture: every output pixel is a sum over input channels and taps.
 //!
-//! Both directions of a convolution become the same sum (`shape.rs`). The input is laid out with zeros around it
-//! (`planes.rs`), so that a tap is a constant offset from a position. Going from the small to the large picture with
+//! Both directions of a convolution become the same sum (`shape.rs`). Going from the small to the large picture with
 //! stride 2, output pixels of even and odd rows and columns see different taps: they are four passes over the same
 //! input, whose results are interleaved when they are stored. There are three ways to compute the sums:
 //!
 //! - directly (`direct.rs`): a panel of output channels and a tile of pixels at a time, each sum in registers from its
-//!   first product to its last;
+//!   first product to its last; the input is laid out with zeros around it (`planes.rs`), so that a tap is a constant
+//!   offset from a position;
 //! - directly as well, but with vectors along channels in the place of pixels (`deep.rs`);
 //! - by Winograd's filtering (`winograd.rs`): tiles of 6 x 6 or 8 x 8 input pixels become as many numbers whose
 //!   products with transformed weights need up to five times fewer multiplications.

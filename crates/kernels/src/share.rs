@@ -35,3 +35,29 @@ pub fn share<T: Send>(tasks: Vec<T>, run: impl Fn(T) + Sync) {
         });
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_task_is_done_once_by_any_number_of_threads() {
+        for threads in 1..4 {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            for count in [0, 1, 2, 5, 100] {
+                let mut done = vec![0; count];
+                pool.install(|| share(done.iter_mut().collect(), |times| *times += 1));
+                assert_eq!(done, vec![1; count], "{threads} threads");
+            }
+        }
+        let mut done = [0; 9];
+        share(done.iter_mut().collect(), |times| *times += 1);
+        assert_eq!(done, [1; 9], "from outside the pool");
+    }
+
+    #[test]
+    fn a_panic_of_a_task_reaches_the_caller() {
+        let failing = || share((0..8).collect(), |task| assert_ne!(task, 5));
+        assert!(std::panic::catch_unwind(failing).is_err());
+    }
+}
