@@ -25,6 +25,8 @@ const SIZES: [usize; 7] = [14, 13, 10, 7, 4, 2, 1];
 const SIZES_OF_16: [usize; 4] = [6, 4, 2, 1];
 /// Channels that could be computed while all pieces of work gather their pixels; fitted to measured times.
 const GATHERING: usize = 24;
+/// Most output pixels: with more, vectors along pixels are well filled, and it would take long to say where each one looks.
+const MOST_PIXELS: usize = 512;
 /// Numbers of input that pictures of a piece of work may have together, so that they stay in the second level cache.
 const WINDOW: usize = 192 * 1024;
 
@@ -37,17 +39,17 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// `None` where a position has several output pixels.
+    /// `None` where a position has several output pixels, or there are many.
     pub fn new(shape: &Shape) -> Option<Self> {
         let ([_, columns], [height, width]) = (shape.grid, shape.from);
-        let taps = (shape.spread == 1).then(|| shape.passes.first())??;
+        let positions: usize = shape.grid.iter().product();
+        let taps = (shape.spread == 1 && positions <= MOST_PIXELS).then(|| shape.passes.first())??;
         let place = |position: usize, tap: &Tap| {
             let row = (position / columns * shape.step + tap.row).checked_sub(shape.before[0]);
             let column = (position % columns * shape.step + tap.column).checked_sub(shape.before[1]);
             let inside = row.zip(column).filter(|(row, column)| *row < height && *column < width);
             inside.map_or(height * width, |(row, column)| row * width + column)
         };
-        let positions: usize = shape.grid.iter().product();
         let places = taps.iter().flat_map(|tap| (0..positions).map(move |position| place(position, tap))).collect();
         Some(Self { direct: direct::Plan::new(shape), places })
     }
