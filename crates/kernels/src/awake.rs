@@ -9,6 +9,22 @@ const PATIENCE: Duration = Duration::from_micros(200);
 /// How many works of callers from outside the pool are underway.
 static UNDERWAY: AtomicUsize = AtomicUsize::new(0);
 
+/// Counts a work as underway until it ends, by a panic too.
+struct Underway;
+
+impl Underway {
+    fn begin() -> Self {
+        UNDERWAY.fetch_add(1, Ordering::AcqRel);
+        Self
+    }
+}
+
+impl Drop for Underway {
+    fn drop(&mut self) {
+        UNDERWAY.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
 /// Does work of many small parallel parts on a thread of the pool, whose other threads stay awake between the parts.
 ///
 /// Threads without work fall asleep within microseconds, and waking one takes longer than a small layer. A thread that
@@ -21,9 +37,9 @@ pub fn awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
         return among_the_awake(work);
     }
     rayon::scope(|_| {
-        UNDERWAY.fetch_add(1, Ordering::AcqRel);
+        let underway = Underway::begin();
         let result = among_the_awake(work);
-        UNDERWAY.fetch_sub(1, Ordering::AcqRel);
+        drop(underway);
         let until = Instant::now() + PATIENCE;
         (0..rayon::current_num_threads()).for_each(|_| rayon::spawn(move || linger(until)));
         result
@@ -99,5 +115,15 @@ mod tests {
         // Each comes back, or this test never ends: after its time, and at once where that is over.
         linger(Instant::now() + PATIENCE);
         linger(Instant::now());
+    }
+
+    #[test]
+    fn a_work_that_panics_is_no_longer_underway() {
+        let panicked = std::panic::catch_unwind(|| awake(|| assert_eq!(rayon::current_num_threads(), 0)));
+        assert!(panicked.is_err());
+        // Other tests may have works underway, but each of them ends.
+        while UNDERWAY.load(Ordering::Acquire) > 0 {
+            std::thread::yield_now();
+        }
     }
 }

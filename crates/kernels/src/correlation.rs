@@ -1,12 +1,12 @@
 //! The products that make a picture: every output pixel is a sum over input channels and taps.
 //!
-//! Both directions of a convolution become the same sum (`shape.rs`). The input is laid out with zeros around it
-//! (`planes.rs`), so that a tap is a constant offset from a position. Going from the small to the large picture with
+//! Both directions of a convolution become the same sum (`shape.rs`). Going from the small to the large picture with
 //! stride 2, output pixels of even and odd rows and columns see different taps: they are four passes over the same
 //! input, whose results are interleaved when they are stored. There are three ways to compute the sums:
 //!
 //! - directly (`direct.rs`): a panel of output channels and a tile of pixels at a time, each sum in registers from its
-//!   first product to its last;
+//!   first product to its last; the input is laid out with zeros around it (`planes.rs`), so that a tap is a constant
+//!   offset from a position;
 //! - directly as well, but with vectors along channels in the place of pixels (`deep.rs`);
 //! - by Winograd's filtering (`winograd.rs`): tiles of 6 x 6 or 8 x 8 input pixels become as many numbers whose
 //!   products with transformed weights need up to five times fewer multiplications.
@@ -20,6 +20,7 @@ mod winograd;
 use crate::geometry::Geometry;
 use crate::level::Level;
 use crate::memory::at_least;
+use crate::share::share;
 use pieces::{Panel, Task};
 use rayon::prelude::*;
 use shape::Shape;
@@ -234,35 +235,32 @@ impl Correlation {
         assert_eq!(weights.length, self.packed_length(weights), "weights of {:?}", self.shape.geometry);
         let (shape, level, pictures) = (&self.shape, self.level, input.len() / from);
         let operations = pictures * shape.geometry.operations();
-        if let Plan::Direct(plan) | Plan::Deep(deep::Plan { direct: plan, .. }) = &self.plan {
-            plan.source.fill(level, input, &mut workspace.planes);
-        }
-        let source = workspace.planes.as_slice();
         match &self.plan {
             Plan::Direct(plan) => {
-                let work = direct::Work { shape, plan, source, weights, epilogue };
+                plan.source.fill(level, input, &mut workspace.planes);
+                let work = direct::Work { shape, plan, source: &workspace.planes, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(direct::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(direct::Run { work: &work, task }));
             }
             Plan::Deep(plan) => {
-                let work = deep::Work { shape, plan, source, weights, epilogue };
+                let work = deep::Work { shape, plan, pictures: input, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(deep::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(deep::Run { work: &work, task }));
             }
             Plan::Winograd(plan) => {
                 let work = winograd::Work { shape, plan, level, pictures: input, weights, epilogue };
                 let tasks = work.cut(pictures).tasks(shape, &weights.panels, output);
-                share(operations, tasks, |task| level.run(winograd::Run { work: &work, task }));
+                share_if_worth(operations, tasks, |task| level.run(winograd::Run { work: &work, task }));
             }
         }
     }
 }
 
 /// Does all tasks, on several threads if that is worth it.
-fn share<'a>(operations: usize, tasks: Vec<Task<'a>>, run: impl Fn(Task<'a>) + Sync + Send) {
+fn share_if_worth<'a>(operations: usize, tasks: Vec<Task<'a>>, run: impl Fn(Task<'a>) + Sync) {
     if operations < WORTH_SHARING {
         tasks.into_iter().for_each(run);
     } else {
-        tasks.into_par_iter().for_each(run);
+        share(tasks, run);
     }
 }

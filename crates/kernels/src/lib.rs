@@ -39,6 +39,7 @@ mod pointwise;
 mod reduction;
 pub mod sampling;
 mod second_order;
+mod share;
 #[cfg(test)]
 mod tests;
 mod tile;

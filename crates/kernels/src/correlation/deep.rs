@@ -2,11 +2,12 @@
 //!
 //! For deep layers, which have few pixels and many weights: vectors over pixels would hardly be filled. A tile is a few
 //! pixels, of whose surroundings a matrix is made, and two vectors of channels; each vector of weights is read once for all
-//! pixels of the tile, in the order in which the weights lie in memory.
+//! pixels of the tile, in the order in which the weights lie in memory. Pixels are looked up where the picture has them:
+//! rows are too short to be laid out with zeros around them first.
 
 use super::direct;
 use super::pieces::{Cut, Panel, Segment, Task};
-use super::shape::Shape;
+use super::shape::{Shape, Tap};
 use super::{Epilogue, PackedWeights};
 use crate::level::Level;
 use crate::memory::at_least;
@@ -23,9 +24,9 @@ const MAX_WIDTH: usize = VECTORS * 16;
 const SIZES: [usize; 7] = [14, 13, 10, 7, 4, 2, 1];
 const SIZES_OF_16: [usize; 4] = [6, 4, 2, 1];
 /// Channels that could be computed while all pieces of work gather their pixels; fitted to measured times.
-const GATHERING: usize = 48;
-/// Neighbouring pixels that are copied at once: at least as many as a tile has.
-const RUN: usize = 16;
+const GATHERING: usize = 24;
+/// Most output pixels: with more, vectors along pixels are well filled, and it would take long to say where each one looks.
+const MOST_PIXELS: usize = 512;
 /// Numbers of input that pictures of a piece of work may have together, so that they stay in the second level cache.
 const WINDOW: usize = 192 * 1024;
 
@@ -33,18 +34,24 @@ const WINDOW: usize = 192 * 1024;
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub direct: direct::Plan,
-    /// Where each output pixel's first tap lies.
-    pixels: Vec<usize>,
+    /// For each tap, where in a channel of the picture each output pixel sees it; what is outside lies beyond the last pixel.
+    places: Vec<usize>,
 }
 
 impl Plan {
-    /// `None` where a position has several output pixels.
+    /// `None` where a position has several output pixels, or there are many.
     pub fn new(shape: &Shape) -> Option<Self> {
-        let direct = direct::Plan::new(shape);
-        let [rows, columns] = shape.grid;
-        let pixel = |index: usize| index / columns * direct.source.row_stride + index % columns;
-        let pixels = (0..rows * columns).map(pixel).collect();
-        (shape.spread == 1).then_some(Self { direct, pixels })
+        let ([_, columns], [height, width]) = (shape.grid, shape.from);
+        let positions: usize = shape.grid.iter().product();
+        let taps = (shape.spread == 1 && positions <= MOST_PIXELS).then(|| shape.passes.first())??;
+        let place = |position: usize, tap: &Tap| {
+            let row = (position / columns * shape.step + tap.row).checked_sub(shape.before[0]);
+            let column = (position % columns * shape.step + tap.column).checked_sub(shape.before[1]);
+            let inside = row.zip(column).filter(|(row, column)| *row < height && *column < width);
+            inside.map_or(height * width, |(row, column)| row * width + column)
+        };
+        let places = taps.iter().flat_map(|tap| (0..positions).map(move |position| place(position, tap))).collect();
+        Some(Self { direct: direct::Plan::new(shape), places })
     }
 
     /// Channels of a panel.
@@ -56,7 +63,7 @@ impl Plan {
     /// them.
     pub fn cost(&self, shape: &Shape, level: Level) -> f64 {
         let outputs = shape.outputs.next_multiple_of(Self::width(level)) + GATHERING;
-        (self.pixels.len() * self.direct.weights_of_a_channel(shape) * outputs) as f64
+        (self.places.len() * shape.inputs * outputs) as f64
     }
 }
 
@@ -64,7 +71,8 @@ impl Plan {
 pub struct Work<'a> {
     pub shape: &'a Shape,
     pub plan: &'a Plan,
-    pub source: &'a [f32],
+    /// The pictures as they are.
+    pub pictures: &'a [f32],
     pub weights: &'a PackedWeights,
     pub epilogue: Epilogue<'a>,
 }
@@ -73,8 +81,9 @@ impl Work<'_> {
     /// Some panels of all pictures that fit the cache, cut further where there are too few panels for the threads.
     pub fn cut(&self, pictures: usize) -> Cut {
         let (grid_rows, panels) = (self.shape.grid[0], self.weights.panels.len());
-        let wanted = 2 * rayon::current_num_threads();
-        let segments_per_task = (WINDOW / self.plan.direct.source.picture_stride().max(1)).clamp(1, pictures);
+        // Each gathers all pixels of its own.
+        let wanted = rayon::current_num_threads();
+        let segments_per_task = (WINDOW / self.shape.input_length().max(1)).clamp(1, pictures);
         let pieces = wanted.div_ceil(panels * pictures.div_ceil(segments_per_task)).min(grid_rows);
         let segments_per_task = if pieces > 1 { 1 } else { segments_per_task };
         let groups = wanted.div_ceil(pieces * pictures.div_ceil(segments_per_task)).min(panels);
@@ -166,26 +175,21 @@ impl Strip<'_, '_, '_> {
     /// Puts what the pixels of a tile see side by side.
     #[inline(always)]
     fn gather<const M: usize>(&mut self, first: usize) {
-        let Work { shape, plan, source, .. } = self.work;
-        let (layout, columns) = (&plan.direct.source, shape.size[1]);
-        let source = &source[self.segment.picture * layout.picture_stride()..];
-        let first = self.segment.first_row * columns + first;
-        let taps = plan.direct.taps_of_a_pass(0);
-        // As far as a row goes; what is copied beyond its end is overwritten by what follows.
-        let (mut runs, mut count, mut done) = ([(0, 0); M], 0, 0);
-        while done < M {
-            runs[count] = (done, plan.pixels[first + done]);
-            done += columns - (first + done) % columns;
-            count += 1;
-        }
-        let places = at_least(self.scratch, shape.inputs * taps.len() * M + RUN);
-        for channel in 0..shape.inputs {
-            let plane = &source[channel * layout.channel_stride..];
-            for (index, tap) in taps.iter().enumerate() {
-                let places = &mut places[(channel * taps.len() + index) * M..];
-                for (place, pixel) in &runs[..count] {
-                    places[*place..][..RUN].copy_from_slice(&plane[tap + pixel..][..RUN]);
-                }
+        let Work { shape, plan, pictures, .. } = self.work;
+        let (taps, area) = (plan.direct.taps_of_a_pass(0).len(), shape.from[0] * shape.from[1]);
+        let numbers = shape.inputs * taps * M;
+        let (matrix, rest) = at_least(self.scratch, numbers + area + 1).split_at_mut(numbers);
+        // The channel being looked at, and the zero that lies around it.
+        let channel = &mut rest[..=area];
+        channel[area] = 0.0;
+        let first = self.segment.first_row * shape.size[1] + first;
+        let places = plan.places.chunks_exact(plan.places.len() / taps);
+        let picture = &pictures[self.segment.picture * shape.input_length()..][..shape.input_length()];
+        for (pixels, lines) in picture.chunks_exact(area).zip(matrix.chunks_exact_mut(taps * M)) {
+            channel[..area].copy_from_slice(pixels);
+            let (lines, _) = lines.as_chunks_mut::<M>();
+            for (line, places) in lines.iter_mut().zip(places.clone()) {
+                line.iter_mut().zip(&places[first..][..M]).for_each(|(number, place)| *number = channel[*place]);
             }
         }
     }

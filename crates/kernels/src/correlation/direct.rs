@@ -110,9 +110,10 @@ impl Work<'_> {
         }
         let of_a_row = (source.channels * source.row_stride * self.shape.geometry.stride).max(1);
         let wanted = (WINDOW / of_a_row).max(MAX_PIXELS / source.row_stride + 1);
-        // Equal pieces, and at least a few of them.
-        let pieces = grid_rows.div_ceil(wanted).max(4_usize.div_ceil(pictures).min(grid_rows));
-        let groups = (4 * rayon::current_num_threads()).div_ceil(pictures * pieces).min(panels);
+        // Equal pieces, at least one for each thread; the ends of short ones would fill vectors badly.
+        let threads = rayon::current_num_threads();
+        let pieces = grid_rows.div_ceil(wanted).max(threads.div_ceil(pictures).min(grid_rows));
+        let groups = (4 * threads).div_ceil(pictures * pieces).min(panels);
         let panels_per_task = panels.div_ceil(groups.max(1));
         Cut { pieces, lines_per_row, grid_rows, segments_per_task: 1, panels_per_task }
     }

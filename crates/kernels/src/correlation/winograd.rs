@@ -127,7 +127,7 @@ impl Work<'_> {
     pub fn cut(&self, pictures: usize) -> Cut {
         let Plan { tiles, outputs, row_stride, .. } = self.plan;
         let panels = self.weights.panels.len();
-        let wanted = 2 * rayon::current_num_threads();
+        let wanted = rayon::current_num_threads();
         let pieces = tiles[0].div_ceil((TILES / row_stride).max(1)).max(wanted.div_ceil(pictures).min(tiles[0]));
         let groups = wanted.div_ceil(pictures * pieces).min(panels.div_ceil(PANELS));
         Cut {
