@@ -6,7 +6,7 @@
 //! (`endoscape-synthesis`, `alignment`, makes it). It looks several times, each time after rebuilding by its own last
 //! answer, as render-and-compare methods do (Li et al., DeepIM, ECCV 2018).
 //!
-//! Five halving convolutions, the mean over a grid of [`GRID`] areas of the picture, and one linear layer.
+//! Five halving convolutions, the means over a grid of 4 x 5 areas of the picture, and one linear layer.
 
 use crate::config::check_channels;
 use crate::error::NetsError;
