@@ -89,16 +89,19 @@ fn what_a_run_found_out_is_learned_too() {
     let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let columns = lines.next().unwrap();
     let rows: Vec<_> = lines.collect();
-    for name in ["label_depth", "label_motion", "label_alignment"] {
+    for name in ["label_depth", "label_motion"] {
         let column = columns.iter().position(|column| *column == name).unwrap();
         let figures: Vec<f64> = rows.iter().map(|row| row[column].parse().unwrap()).collect();
         assert!(figures.len() == 6 && figures.iter().all(|figure| *figure > 0.0), "{name}: {figures:?}");
     }
 
-    // Labels have made an alignment network, which takes part at work.
+    // A stage of its own makes an alignment network, which takes part at work.
+    fs::write(path("alignment.toml"), format!("{TINY}\n[lesson]\nalignment = true\n")).unwrap();
+    let stage = with_labels("aligned", &["found"]).into_iter().map(|word| word.replace("tiny.toml", "alignment.toml"));
+    succeed(&strs(&stage.collect::<Vec<_>>()));
     let manifest = |run: &str| fs::read_to_string(place.path(run).join("latest/manifest.json")).unwrap();
-    assert!(manifest("second").contains("\"align\"") && !manifest("first").contains("\"align\""));
-    succeed(&["run", &tube(), "--model", &path("second"), "--networks-only", "--out", &path("again")]);
+    assert!(manifest("aligned").contains("\"align\"") && !manifest("second").contains("\"align\""));
+    succeed(&["run", &tube(), "--model", &path("aligned"), "--networks-only", "--out", &path("again")]);
     assert!(fs::read_to_string(place.path("again/frames.csv")).unwrap().lines().count() > 2);
 
     let sentence = fail(&strs(&with_labels("third", &["found", "found"])));

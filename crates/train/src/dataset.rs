@@ -98,6 +98,14 @@ impl SnippetDataset {
         self.clips.iter().flat_map(|clip| &clip.frames).filter(|frame| frame.label.is_some()).count()
     }
 
+    /// The snippets of stretches that labels say something about throughout; `None` if there are none.
+    pub fn labelled(&self) -> Option<Self> {
+        let is_labelled = |clip: usize, frames: Range<usize>| {
+            self.clips[clip].frames.get(frames).is_some_and(|frames| frames.iter().all(|frame| frame.label.is_some()))
+        };
+        self.kept(is_labelled)
+    }
+
     /// Share of the snippets in which the camera stands still.
     pub fn standing_share(&self) -> f64 {
         self.snippets.iter().filter(|snippet| snippet.target.stands).count() as f64 / self.snippets.len() as f64

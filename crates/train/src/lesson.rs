@@ -36,15 +36,14 @@ pub struct LessonConfig {
     /// Weight of the motions. Default 20: an error of a tenth of a usual motion, 0.005, then costs as much as one of a
     /// tenth of the depth.
     pub motion_weight: f64,
-    /// Weight of what the alignment network learns, which shares nothing with the others. Default 1.
-    pub alignment_weight: f64,
-    /// Whether the alignment network alone learns: many more steps in the same time. Default off.
-    pub alignment_alone: bool,
+    /// Whether the alignment network learns, and nothing else: it shares nothing with the others and takes many more steps
+    /// in the same time. Default off.
+    pub alignment: bool,
 }
 
 impl Default for LessonConfig {
     fn default() -> Self {
-        Self { depth_weight: 1.0, motion_weight: 20.0, alignment_weight: 1.0, alignment_alone: false }
+        Self { depth_weight: 1.0, motion_weight: 20.0, alignment: false }
     }
 }
 
@@ -52,11 +51,7 @@ impl LessonConfig {
     /// # Errors
     /// [`TrainError::Config`] for a weight that is no number from 0 on.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let weights = [
-            ("depth_weight", self.depth_weight),
-            ("motion_weight", self.motion_weight),
-            ("alignment_weight", self.alignment_weight),
-        ];
+        let weights = [("depth_weight", self.depth_weight), ("motion_weight", self.motion_weight)];
         match weights.into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
             Some((name, weight)) => {
                 Err(TrainError::config(format!("lesson.{name}"), format!("is {weight} but must be 0 or above")))

@@ -159,11 +159,8 @@ pub(crate) fn begin(
     events: &mut dyn EventSink,
 ) -> Result<Summary, TrainError> {
     job.config.validate()?;
-    if job.config.lesson.alignment_alone && job.data.labelled_frames() == 0 {
-        return Err(TrainError::config(
-            "lesson.alignment_alone",
-            "is on, but there are no labels; give them with --labels",
-        ));
+    if job.config.lesson.alignment && job.data.labelled().is_none() {
+        return Err(TrainError::config("lesson.alignment", "is on, but there are no labels; give them with --labels"));
     }
     let device = job.device.clone().autodiff();
     let nets = &job.config.nets;
@@ -175,7 +172,7 @@ pub(crate) fn begin(
             checkpoint
         }
     };
-    if job.data.labelled_frames() > 0 && checkpoint.align.is_none() {
+    if job.config.lesson.alignment && checkpoint.align.is_none() {
         checkpoint.config.align = nets.align.clone();
         checkpoint.align = Some(nets.align.init(job.config.seed, &device)?);
     }
@@ -242,10 +239,16 @@ fn manifest_of(job: &TrainJob) -> RunManifest {
 /// What a step leaves on the device.
 struct StepTaken {
     terms: LossTerms,
-    lesson: Option<LessonLoss>,
-    alignment: Option<Tensor<1>>,
+    taught: Taught,
     output: Output,
     learning_rate: f64,
+}
+
+/// How far a step was from what labels say.
+#[derive(Default)]
+struct Taught {
+    lesson: Option<LessonLoss>,
+    alignment: Option<Tensor<1>>,
 }
 
 /// One sitting of a run.
@@ -255,6 +258,8 @@ struct Session<'a> {
     config: TrainConfig,
     run: &'a RunFolder,
     state: TrainState,
+    /// Snippets that something can be learned from.
+    data: Arc<SnippetDataset>,
     validator: Validator,
     metrics: Table<Metrics>,
     scores: Table<ScoreLine>,
@@ -278,7 +283,9 @@ impl<'a> Session<'a> {
     ) -> Result<Self, TrainError> {
         let Progress { step, elapsed_s, .. } = state.progress;
         let judged = job.validation.as_ref().unwrap_or(&job.data);
+        let labelled = config.lesson.alignment.then(|| job.data.labelled()).flatten();
         Ok(Self {
+            data: labelled.map_or_else(|| job.data.clone(), Arc::new),
             validator: Validator::new(judged.clone(), &config, &job.device),
             metrics: Table::open(run, "metrics.csv", |row: &Metrics| row.step <= step)?,
             scores: Table::open(run, "validation.csv", |row: &ScoreLine| row.step <= step)?,
@@ -334,17 +341,14 @@ impl<'a> Session<'a> {
         let learning_rate = self.learning_rate();
         let model = self.state.model.clone();
         let (output, mut terms) = self.look(&model, batch);
-        let alone = self.config.lesson.alignment_alone;
-        let lesson = batch.lessons.as_ref().filter(|_| !alone).map(|lessons| lessons.loss(&output.prediction));
-        if let Some(loss) = &lesson {
+        let taught = self.taught(&model, batch, &output);
+        if let Some(loss) = &taught.lesson {
             terms.total = terms.total + loss.weighted(&self.config.lesson);
         }
-        let alignment = model.align.as_ref().zip(batch.lessons.as_ref()).zip(output.depth());
-        let alignment = alignment.map(|((net, lessons), depth)| alignment_loss(net, batch, lessons, depth));
-        if let Some(loss) = &alignment {
-            terms.total = terms.total + loss.clone() * self.config.lesson.alignment_weight;
+        if let Some(loss) = &taught.alignment {
+            terms.total = terms.total + loss.clone();
         }
-        if self.config.standing_weight > 0.0 && !alone {
+        if self.config.standing_weight > 0.0 {
             let price = standing_motion(output.motion.clone(), batch.stands.clone());
             terms.total = terms.total + price * self.config.standing_weight;
         }
@@ -357,13 +361,23 @@ impl<'a> Session<'a> {
         drop(updated.valid());
         recycle(std::mem::replace(&mut self.state.model, updated));
         self.state.progress.step += 1;
-        StepTaken { terms, lesson, alignment, output, learning_rate }
+        StepTaken { terms, taught, output, learning_rate }
     }
 
-    /// What the networks say, and how well it explains the pictures; where the alignment network learns alone, the depth
-    /// that it sees.
+    /// How far it is from what labels say, where there are any.
+    fn taught(&self, model: &DepthMotionModel, batch: &SnippetBatch, output: &Output) -> Taught {
+        let Some(lessons) = &batch.lessons else { return Taught::default() };
+        if !self.config.lesson.alignment {
+            return Taught { lesson: Some(lessons.loss(&output.prediction)), alignment: None };
+        }
+        let seen = model.align.as_ref().zip(output.depth());
+        Taught { lesson: None, alignment: seen.map(|(net, depth)| alignment_loss(net, batch, lessons, depth)) }
+    }
+
+    /// What the networks say, and how well it explains the pictures; where the alignment network learns, the depth that
+    /// it sees.
     fn look(&self, model: &DepthMotionModel, batch: &SnippetBatch) -> (Output, LossTerms) {
-        if self.config.lesson.alignment_alone {
+        if self.config.lesson.alignment {
             let output = model.predict_depth(batch);
             let none = LossTerms::none(&output.motion);
             return (output, none);
@@ -403,7 +417,7 @@ impl<'a> Session<'a> {
     fn loader_plan(&self) -> LoaderPlan {
         let TrainConfig { seed, batch, augment, objective, .. } = &self.config;
         LoaderPlan {
-            dataset: self.job.data.clone(),
+            dataset: self.data.clone(),
             draw: DrawPlan { seed: *seed, batch: *batch, augment: augment.clone() },
             objective: objective.clone(),
             device: self.job.device.clone().autodiff(),
@@ -434,7 +448,7 @@ impl<'a> Session<'a> {
             events.event(Event::Measured { name: name.into(), step: row.step, value });
         }
         // What says nothing does not collapse.
-        if self.config.lesson.alignment_alone {
+        if self.config.lesson.alignment {
             return Ok(());
         }
         let Metrics { coverage, depth_spread, reliability: mask, translation, rotation_rad: rotation, .. } = row;
@@ -450,9 +464,12 @@ impl<'a> Session<'a> {
             [total, photometric, smoothness, mask, geometry, light, coverage].map(|term| term.clone().detach().inner());
         let signs = [signs.depth_spread, signs.mask, signs.translation, signs.rotation].map(Tensor::inner);
         let zero = || taken.terms.total.zeros_like().detach();
-        let lesson =
-            taken.lesson.as_ref().map_or_else(|| [zero(), zero()], |loss| [loss.depth.clone(), loss.motion.clone()]);
-        let alignment = taken.alignment.clone().unwrap_or_else(zero);
+        let lesson = taken
+            .taught
+            .lesson
+            .as_ref()
+            .map_or_else(|| [zero(), zero()], |loss| [loss.depth.clone(), loss.motion.clone()]);
+        let alignment = taken.taught.alignment.clone().unwrap_or_else(zero);
         let lesson = lesson.into_iter().chain([alignment]).map(Tensor::inner);
         // One read-back for all.
         let figures: Vec<f32> =
@@ -515,7 +532,7 @@ impl<'a> Session<'a> {
             return judge.admits(scores);
         }
         let unsupervised = scores.photometric + self.config.objective.light_weight * scores.light.unwrap_or(0.0);
-        let unsupervised = unsupervised + self.config.lesson.alignment_weight * scores.alignment.unwrap_or(0.0);
+        let unsupervised = unsupervised + scores.alignment.unwrap_or(0.0);
         let value = match self.config.best_by {
             Criterion::Photometric => unsupervised,
             Criterion::Depth => scores.depth_abs_rel.unwrap_or(unsupervised),

@@ -85,9 +85,9 @@ fn what_labels_say_is_learned() {
 }
 
 #[test]
-fn the_alignment_network_learns_alone_what_is_left_of_a_motion() {
+fn the_alignment_network_learns_what_is_left_of_a_motion() {
     let mut config = config();
-    config.lesson.alignment_alone = true;
+    config.lesson.alignment = true;
     let (rows, warnings) = trained(config);
     let (begin, end) =
         (mean(&rows[..20], |row| row.label_alignment), mean(&rows[rows.len() - 20..], |row| row.label_alignment));

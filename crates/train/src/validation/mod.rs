@@ -45,7 +45,7 @@ pub struct Scores {
     pub depth_d1: Option<f64>,
     /// RMSE of the camera positions after alignment by a similarity, metres; the mean over clips.
     pub ate_m: Option<f64>,
-    /// See [`alignment_error`]; `None` without labels or a network for it.
+    /// See [`alignment_error`]; `None` unless the alignment network learns.
     pub alignment: Option<f64>,
 }
 
@@ -81,6 +81,8 @@ pub struct Validator {
     objective: ObjectiveConfig,
     batch: usize,
     snippets: usize,
+    /// Whether the alignment network is measured.
+    alignment: bool,
     device: Device,
 }
 
@@ -90,7 +92,7 @@ impl Validator {
         // Both change with the networks which pixels count, so values before and after would not compare.
         let objective = ObjectiveConfig { auto_mask: false, geometry_weight: 0.0, ..config.objective.clone() };
         let (batch, snippets) = (config.batch, config.validation_snippets);
-        Self { dataset, objective, batch, snippets, device: device.clone() }
+        Self { dataset, objective, batch, snippets, alignment: config.lesson.alignment, device: device.clone() }
     }
 
     /// Measures `model`, which must live on the same device.
@@ -129,7 +131,8 @@ impl Validator {
                 indices.iter().map(|index| plain_item(&self.dataset.plain(*index))).collect::<Result<Vec<_>, _>>()?;
             let batch = SnippetBatch::new(&items, &self.objective, &self.device)?;
             let output = model.predict(&batch, false);
-            let aligned = model.align.as_ref().zip(batch.lessons.as_ref()).zip(output.depth());
+            let net = model.align.as_ref().filter(|_| self.alignment);
+            let aligned = net.zip(batch.lessons.as_ref()).zip(output.depth());
             let error = aligned.map(|((net, lessons), depth)| alignment_error(net, &batch, lessons, depth));
             alignment.extend(error.map(|error| f64::from(error.into_scalar::<f32>())));
             let standing_motion = standing_motion(output.motion.clone(), batch.stands.clone());
