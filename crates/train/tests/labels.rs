@@ -19,6 +19,7 @@ use endoscape_train::clip::{Clip, Label};
 use endoscape_train::gap::GapConfig;
 use endoscape_train::trainer::Metrics;
 use endoscape_train::{RunFolder, SnippetDataset, TrainConfig, TrainJob, train};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const STEPS: u64 = 150;
@@ -52,14 +53,13 @@ fn labelled(frames: usize) -> Clip {
     clip
 }
 
-/// Trains on labelled pictures of the room; returns what was logged and what was warned of.
-fn trained(config: TrainConfig) -> (Vec<Metrics>, Vec<String>) {
+/// Trains on labelled pictures of the room into a folder; returns what was logged and what was warned of.
+fn trained(config: TrainConfig, init: Option<PathBuf>, out: &Path) -> (Vec<Metrics>, Vec<String>) {
     let data = SnippetDataset::new(vec![Arc::new(labelled(6))], 3, &config.gap, &mut NullSink).unwrap();
     assert_eq!(data.labelled_frames(), 6);
-    let folder = tempfile::tempdir().unwrap();
-    let run = RunFolder::fresh(&folder.path().join("run")).unwrap();
+    let run = RunFolder::fresh(out).unwrap();
     let (device, device_name) = (Device::flex(), "cpu".to_owned());
-    let job = TrainJob { config, data: Arc::new(data), validation: None, init: None, device, device_name };
+    let job = TrainJob { config, data: Arc::new(data), validation: None, init, device, device_name };
     let mut events = Vec::new();
     train(&job, &run, &mut events).unwrap();
     let mut table = csv::Reader::from_path(run.root().join("metrics.csv")).unwrap();
@@ -74,7 +74,8 @@ fn mean(rows: &[Metrics], figure: fn(&Metrics) -> f32) -> f64 {
 
 #[test]
 fn what_labels_say_is_learned() {
-    let (rows, _) = trained(config());
+    let folder = tempfile::tempdir().unwrap();
+    let (rows, _) = trained(config(), None, &folder.path().join("run"));
     for (name, figure) in
         [("depth", (|row| row.label_depth) as fn(&Metrics) -> f32), ("motion", |row| row.label_motion)]
     {
@@ -86,13 +87,17 @@ fn what_labels_say_is_learned() {
 
 #[test]
 fn the_alignment_network_learns_what_is_left_of_a_motion() {
-    let mut config = config();
+    let folder = tempfile::tempdir().unwrap();
+    // Depth first: through a wrong one no motion explains the pictures.
+    let first = folder.path().join("first");
+    trained(config(), None, &first);
+    let mut config = TrainConfig { steps: 400, ..config() };
     config.lesson.alignment = true;
-    let (rows, warnings) = trained(config);
+    let (rows, warnings) = trained(config, Some(first.join("latest")), &folder.path().join("second"));
     let (begin, end) =
         (mean(&rows[..20], |row| row.label_alignment), mean(&rows[rows.len() - 20..], |row| row.label_alignment));
     eprintln!("alignment: {begin:.4} to {end:.4}");
-    assert!(end < 0.7 * begin, "{begin} to {end}");
+    assert!(end < 0.8 * begin, "{begin} to {end}");
     assert!(rows.iter().all(|row| row.label_depth == 0.0 && row.label_motion == 0.0 && row.photometric == 0.0));
     assert!(warnings.is_empty(), "{warnings:?}");
 }
