@@ -3,8 +3,8 @@
 #
 #   scripts/ablation.sh DATA OUT [STEPS] [ROW...]
 #
-# DATA is that of bench_split.sh. Each ROW (all by default, see below) becomes OUT/ROW; rows that are there already are only
-# judged, so that an interrupted table can be finished. Training sees the pictures of the bench split and nothing else; the
+# DATA is that of bench_split.sh. Each ROW (all by default, see below) becomes OUT/ROW; rows that are there already are resumed,
+# so that an interrupted table can be finished. Training sees the pictures of the bench split and nothing else; the
 # figures are those of frames 0 to 119: AbsRel and ATE with aligned pictures, then of the networks alone.
 set -euo pipefail
 
@@ -35,17 +35,17 @@ estimate() { grep '^estimate' "$1" | head -1 | awk '{ print $2 }'; }
 judge() { # ROW [--networks-only]: AbsRel and ATE in mm
     local result=$out/$1-run${2:-}
     rm -rf "$result"
-    "$endoscape" run "$pinhole" --model "$out/$1" --range 0..120 --out "$result" "${@:2}" >"$out/$1.log" 2>&1
+    "$endoscape" run "$pinhole" --model "$out/$1" --range 0..120 --out "$result" "${@:2}" >"$result.log" 2>&1
     "$endoscape" eval depth "$result" "$pinhole" --scaling median >"$result-depth.txt" 2>&1
     "$endoscape" eval trajectory "$result" "$pinhole" --align sim3 >"$result-trajectory.txt" 2>&1
     printf '%s %s ' "$(estimate "$result-depth.txt")" "$(estimate "$result-trajectory.txt")"
 }
 
 for row in "${rows[@]}"; do
-    if [ ! -d "$out/$row" ]; then
-        printf "${change[$row]}\n" >"$out/$row.toml"
-        "$endoscape" train --data "$pinhole@0..120" "$data/endoslam/UnityCam/Stomach" --preset fast \
-            --config "$out/$row.toml" --steps "$steps" --out "$out/$row" >"$out/$row.log" 2>&1
-    fi
+    printf "${change[$row]}\n" >"$out/$row.toml"
+    how=(--preset fast --config "$out/$row.toml")
+    [ ! -d "$out/$row" ] || how=(--resume)
+    "$endoscape" train --data "$pinhole@0..120" "$data/endoslam/UnityCam/Stomach" "${how[@]}" --steps "$steps" \
+        --out "$out/$row" >"$out/$row.log" 2>&1
     echo "$row $(judge "$row")$(judge "$row" --networks-only)"
 done

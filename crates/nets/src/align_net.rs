@@ -91,7 +91,7 @@ pub struct AlignNet {
 
 impl AlignNet {
     /// The motion from the source as rebuilt to the source as it is: translation in typical depths of the target, then
-    /// rotation as axis times angle.
+    /// rotation as axis times angle, both in the source's camera frame.
     ///
     /// # Shapes
     /// - `evidence`: `[batch, EVIDENCE_CHANNELS, height, width]`

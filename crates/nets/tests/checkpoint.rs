@@ -53,6 +53,28 @@ fn a_checkpoint_comes_back_as_it_was() {
 }
 
 #[test]
+fn an_alignment_network_comes_back_and_asks_for_a_newer_program() {
+    let (root, device) = (tempfile::tempdir().unwrap(), Device::flex());
+    let (folder, [first, second, third]) =
+        (root.path().join("best"), ["1", "2", "3"].map(|name| root.path().join(name)));
+    let mut before = saved(&folder);
+    assert_eq!(Checkpoint::load(&folder, &device).unwrap().manifest.format, 1);
+    before.config.align.encoder = [3, 4, 5, 6, 7];
+    before.align = Some(before.config.align.init(5, &device).unwrap());
+    before.save(&folder).unwrap();
+    before.export_safetensors(&first).unwrap();
+    let after = Checkpoint::load(&folder, &device).unwrap();
+    assert_eq!((after.manifest.format, &after.config), (2, &before.config));
+    assert_eq!(after.manifest.networks, [Network::Disp, Network::Pose, Network::Align]);
+    after.export_safetensors(&second).unwrap();
+    let (imported, _) = Checkpoint::import(&first, None, &device).unwrap();
+    imported.export_safetensors(&third).unwrap();
+    let [first, second, third] = [first, second, third].map(|file| fs::read(file).unwrap());
+    assert!(first == second, "not what was saved");
+    assert!(first == third, "not what was exported");
+}
+
+#[test]
 fn running_statistics_are_part_of_a_checkpoint() {
     let root = tempfile::tempdir().unwrap();
     let device = Device::flex().autodiff();

@@ -10,7 +10,8 @@ use endoscape_synthesis::alignment::contrast;
 use endoscape_synthesis::{Alignment, CameraBatch, CameraScaling, SynthesisError};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// How often the network looks; in training, errors down to a fiftieth of a motion are left after that.
+/// How often the network looks. Chosen on C3VD in one trial: 3 looks left 0.32 mm of ATE where 5 left 0.29; training draws what is left
+/// down to a fiftieth of a motion.
 const LOOKS: usize = 5;
 
 /// The alignment network on its device.

@@ -32,6 +32,8 @@ const PROBE: f32 = 0.01;
 const KNOWN_DEPTH: [f64; 2] = [1e-6, 1e6];
 
 /// A batch of targets, ready for sources to be aligned with them.
+///
+/// Motions are `source_from_target`: they take points of the target's camera to the source's (x right, y down, z ahead).
 #[derive(Clone, Debug)]
 pub struct Alignment {
     /// `[batch, 1, height, width]`.
@@ -101,8 +103,8 @@ impl Alignment {
     /// - as [`Self::evidence`]
     /// - returns: `[batch, 1, height, width]`
     pub fn difference(&self, source_contrast: Tensor<4>, source_from_target: Tensor<3>) -> Tensor<4> {
-        let Correspondence { pixels, in_view, .. } = correspond(self.depth.clone(), source_from_target, &self.cameras);
-        (sample_bilinear(source_contrast, pixels) - self.contrast.clone()) * in_view
+        let (rebuilt, in_view) = self.rebuilt(source_contrast, source_from_target);
+        (rebuilt - self.contrast.clone()) * in_view
     }
 
     /// Mean difference in contrast from the source as rebuilt by a motion, `[batch]`; a pixel that the source does not
@@ -111,10 +113,15 @@ impl Alignment {
     /// # Shapes
     /// - as [`Self::evidence`]
     pub fn disagreement(&self, source_contrast: Tensor<4>, source_from_target: Tensor<3>) -> Tensor<1> {
-        let Correspondence { pixels, in_view, .. } = correspond(self.depth.clone(), source_from_target, &self.cameras);
-        let rebuilt = sample_bilinear(source_contrast, pixels) * in_view;
+        let (rebuilt, in_view) = self.rebuilt(source_contrast, source_from_target);
         let batch = rebuilt.dims()[0];
-        (rebuilt - self.contrast.clone()).abs().mean_dims(&[1, 2, 3]).reshape([batch])
+        (rebuilt * in_view - self.contrast.clone()).abs().mean_dims(&[1, 2, 3]).reshape([batch])
+    }
+
+    /// The source's contrast at the target's pixels, and where it is shown, each `[batch, 1, height, width]`.
+    fn rebuilt(&self, source_contrast: Tensor<4>, source_from_target: Tensor<3>) -> (Tensor<4>, Tensor<4>) {
+        let Correspondence { pixels, in_view, .. } = correspond(self.depth.clone(), source_from_target, &self.cameras);
+        (sample_bilinear(source_contrast, pixels), in_view)
     }
 
     /// The motion `left` after `source_from_target`.

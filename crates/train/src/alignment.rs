@@ -10,9 +10,12 @@ use crate::lesson::Lessons;
 use burn::tensor::{Tensor, TensorData};
 use endoscape_core::Pose;
 use endoscape_nets::AlignNet;
-use endoscape_synthesis::{Alignment, alignment::contrast};
+use endoscape_synthesis::alignment::{self, Alignment, contrast};
 use nalgebra::Vector3;
 use rand::{Rng, RngExt};
+
+// What one crate makes the other reads.
+const _: () = assert!(alignment::EVIDENCE_CHANNELS == endoscape_nets::EVIDENCE_CHANNELS);
 
 /// Share of the starts that take the camera to stand still.
 const REST: f64 = 0.25;

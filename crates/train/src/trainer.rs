@@ -160,7 +160,10 @@ pub(crate) fn begin(
 ) -> Result<Summary, TrainError> {
     job.config.validate()?;
     if job.config.lesson.alignment && job.data.labelled().is_none() {
-        return Err(TrainError::config("lesson.alignment", "is on, but there are no labels; give them with --labels"));
+        return Err(TrainError::config(
+            "lesson.alignment",
+            "is on, but no snippet has labels throughout; give runs that kept track of the training videos with --labels",
+        ));
     }
     let device = job.device.clone().autodiff();
     let nets = &job.config.nets;
